@@ -1,0 +1,76 @@
+# Run `make` for the list of targets. Everything runs in .venv, which is made when it is missing.
+
+SHELL := bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+
+BIN := $(CURDIR)/.venv/bin
+
+# A ROS 2 installation sourced in the calling shell must not mix with the one in .venv.
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME PYTHONPATH
+unexport RMW_IMPLEMENTATION VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+# ROS 2 stays on this machine unless told otherwise.
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+# One thread each: the matrices are small, and figures do not depend on the number of cores.
+export OPENBLAS_NUM_THREADS ?= 1
+
+# Through the environment, so that brackets, ^, spaces and quotes reach the command as typed.
+export PROCESS
+
+.PHONY: help
+help: ## Show this list
+	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+
+.PHONY: venv
+venv: ## Make .venv, or bring it up to date
+	@tools/make_venv.sh
+
+.PHONY: demo
+demo: venv ## Tune and run a loop over ROS 2, write the report [PROCESS='9/((s+1)(s^2+2s+9))']
+	@"$(BIN)/fopid_demo" $${PROCESS:+--process "$$PROCESS"} $(ARGS)
+
+.PHONY: test
+test: venv ## Run the fast tests [ARGS='-k name']
+	@"$(BIN)/python" -m pytest $(ARGS)
+
+.PHONY: test-slow
+test-slow: venv ## Run the tests marked slow
+	@"$(BIN)/python" -m pytest -m 'slow and not colcon' $(ARGS)
+
+.PHONY: test-all
+test-all: venv ## Run the fast and the slow tests
+	@"$(BIN)/python" -m pytest -m 'not colcon' $(ARGS)
+
+.PHONY: bench
+bench: venv ## Measure the performance figures, each beside its baseline
+	@"$(BIN)/fopid" benchmark $(ARGS)
+	@"$(BIN)/fopid_ros_benchmark" $(ARGS)
+
+.PHONY: lint
+lint: venv ## Check format, style and types
+	@"$(BIN)/ruff" format --check
+	@"$(BIN)/ruff" check
+	@"$(BIN)/mypy"
+
+.PHONY: format
+format: venv ## Format the sources and mend what can be mended
+	@"$(BIN)/ruff" check --fix-only --quiet
+	@"$(BIN)/ruff" format
+
+.PHONY: colcon
+colcon: venv ## Build and test the tree as a colcon workspace, in build/colcon
+	@tools/colcon_build.sh
+
+.PHONY: lock
+lock: venv ## Compile requirements*.in anew [ARGS='--upgrade']
+	@export UV_CUSTOM_COMPILE_COMMAND='make lock'; \
+	lock=("$(BIN)/uv" pip compile --quiet --no-emit-index-url --python-version 3.11 --override requirements-override.in); \
+	"$${lock[@]}" $(ARGS) requirements-dev.in --output-file requirements-dev.txt; \
+	"$${lock[@]}" --constraint requirements-dev.txt requirements.in --output-file requirements.txt
+
+.PHONY: clean
+clean: ## Remove everything make made, .venv too
+	rm -rf .venv build .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find src tests tools -name __pycache__ -prune -exec rm -rf {} +
+	rm -rf src/*/*.egg-info

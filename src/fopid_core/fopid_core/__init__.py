@@ -1,0 +1,1 @@
+"""Fractional-order PID control: processes, loops, tuning, and the controller that runs."""

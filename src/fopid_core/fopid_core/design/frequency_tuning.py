@@ -1,0 +1,136 @@
+"""Frequency-domain tuning, eqs. (1) to (5), with the whole square of orders in view.
+
+Every (lam, mu) has exactly one design that meets phase margin, crossover and flat phase, so what is left
+is a search in two dimensions: among the admissible designs the best one by a stated criterion.
+
+A design is admissible when its gains have one sign (all positive for a process of positive gain; a
+controller whose parts pull against each other is not robust), the loop is stable, w_gc is its only
+crossover, and the bounds (4) and (5) hold on their whole bands.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopid_core.design.order_square import Designs, Merit, OrderSquare, Real, frequency_grid
+from fopid_core.design.specification import FrequencySpecification
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import Process
+
+EXCHANGES = 4
+"""Most rounds in which frequencies where the design is worse than on the grid are added to the grid."""
+DENSE = 500
+"""Points per decade on which the last design is looked at again."""
+
+
+@dataclass(frozen=True)
+class FrequencyDesign:
+    """The outcome of a search over the square of orders.
+
+    Attributes
+    ----------
+    controller : Fopid or None
+        The best admissible design, else the one nearest to the bounds, else None.
+    met : bool
+        Whether the bounds are met.
+    ms, t_db, s_db : float
+        Of the controller (``t_db`` and ``s_db``: -inf without a bound) [-], [dB], [dB].
+    nearest_t_db, nearest_s_db : float
+        When the bounds are not met: the lowest that each can be when the other is let go [dB].
+    evaluations : int
+        Number of designs looked at.
+    """
+
+    controller: Fopid | None
+    met: bool
+    ms: float
+    t_db: float
+    s_db: float
+    nearest_t_db: float
+    nearest_s_db: float
+    evaluations: int
+
+
+def tune_frequency(process: Process, specification: FrequencySpecification) -> FrequencyDesign:
+    """The best admissible design of the whole square 0 < lam, mu <= 2.
+
+    Parameters
+    ----------
+    process : Process
+        What the design is made on: the process itself or a reduced model of it.
+    specification : FrequencySpecification
+
+    Returns
+    -------
+    FrequencyDesign
+
+    Raises
+    ------
+    InputError
+        If the process is zero or infinite at the crossover.
+
+    Examples
+    --------
+    >>> from fopid_core.model.process import read_process
+    >>> design = tune_frequency(read_process("P1"), FrequencySpecification(phase_margin=1.2, crossover=0.5))
+    >>> design.met
+    True
+    """
+    square = OrderSquare(process, specification, frequency_grid(specification))
+    best = _best(square)
+    dense = OrderSquare(process, specification, frequency_grid(specification, DENSE))
+    for _ in range(EXCHANGES):
+        if best is None or _is_as_good(dense.measure(best.gains), best):
+            break
+        missed = dense.worst_frequencies(best)
+        square = OrderSquare(process, specification, np.union1d(square.w, missed))
+        best = _best(square)
+    return _answer(square, best)
+
+
+def _is_as_good(truth: Designs, design: Designs) -> bool:
+    """Whether a design is, on a dense grid, what it was taken to be: to 0.001 dB."""
+    pairs = ((20 * np.log10(truth.ms), 20 * np.log10(design.ms)), (truth.t_db, design.t_db), (truth.s_db, design.s_db))
+    return all(bool(true[0] <= taken[0] + 1e-3) for true, taken in pairs)
+
+
+def _answer(square: OrderSquare, best: Designs | None) -> FrequencyDesign:
+    if best is None:
+        return FrequencyDesign(None, False, *(math.nan,) * 5, square.evaluations)
+    met = bool(best.excess(square.specification)[0] <= 0.0)
+    t_db, s_db, ms = (float(value[0]) for value in (best.t_db, best.s_db, best.ms))
+    nearest = (math.nan, math.nan) if met else (_lowest(square, "t_db"), _lowest(square, "s_db"))
+    return FrequencyDesign(Fopid(*best.gains[0]), met, ms, t_db, s_db, *nearest, square.evaluations)
+
+
+def _best(square: OrderSquare) -> Designs | None:
+    """The best design that meets the bounds, else the one that is least above them."""
+    specification = square.specification
+
+    def merit(designs: Designs) -> Real:
+        above = designs.excess(specification)
+        criterion = designs.ms if specification.criterion == "ms" else -designs.flatness
+        return np.where(above > 0.0, 1e6 + above, criterion)
+
+    return _lowest_admissible(square, merit)
+
+
+def _lowest(square: OrderSquare, name: str) -> float:
+    """The lowest |T| or |S| that an admissible design reaches on its band when the other bound is let go."""
+
+    def merit(designs: Designs) -> Real:
+        value: Real = getattr(designs, name)
+        return value
+
+    best = _lowest_admissible(square, merit)
+    return math.nan if best is None else float(merit(best)[0])
+
+
+def _lowest_admissible(square: OrderSquare, merit: Merit) -> Designs | None:
+    beam = square.close_in(square.survey(), merit)
+    candidates = (beam[row : row + 1] for row in range(len(beam)))
+    return next((design for design in candidates if square.is_admissible(design)), None)

@@ -1,0 +1,324 @@
+"""Every design that meets phase margin, crossover and flat phase, over the whole square of orders.
+
+For given orders, eqs. (1) to (3) are linear in the gains: at s = j w_gc the controller must equal
+c0 = e^(j(-pi + phase margin)) / P(s), and the flat phase reads Re[C'(s)/c0] = -Re[P'(s)/P(s)]. So every
+(lam, mu) has exactly one design, found without iterating, and a batch of them is measured at once.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fopid_core.design.specification import FrequencySpecification, require
+from fopid_core.model.process import Process
+from fopid_core.model.stability import stable_mask
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+AXIS = np.linspace(0.05, 2.0, 40)  # an order of zero is no integral and no derivative
+POINTS_PER_DECADE = 24
+LINE = np.arange(-4, 5)
+LINE_STEPS = ((0.0125, 40), (0.003, 40), (0.0008, 20))
+"""Steps along a line, and how many of the lines are worth it."""
+BEAM = 6
+STEPS = tuple(0.0125 * 0.5**k for k in range(8))
+NEIGHBOURS = np.array([[i, j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])
+FLAT = math.radians(5.0)
+"""The phase counts as flat where it stays this close to its value at the crossover [rad]."""
+
+
+@dataclass(frozen=True)
+class ControllerWish:
+    """What the controller must be at s = j w_gc: the value c0, and a slope that makes the phase flat."""
+
+    s: complex
+    c0: complex
+    flat: float
+
+    @staticmethod
+    def of(process: Process, phase_margin: float, crossover: float) -> ControllerWish:
+        """The wish for a process, eqs. (1) to (3)."""
+        s = 1j * crossover
+        p = complex(process(s))
+        require(0 < abs(p) < math.inf, f"|P| at the crossover {crossover:g} rad/s", abs(p), "above 0 and finite")
+        c0 = cmath.exp(1j * (phase_margin - math.pi)) / p
+        return ControllerWish(s, c0, -complex(process.logarithmic_derivative(s)).real)
+
+    def gains(self, lam: Real, mu: Real) -> Real:
+        """Rows (kp, ki, kd, lam, mu), shape (n, 5); not finite where the equations contradict each other."""
+        s, c0 = self.s, self.c0
+        integral, derivative = np.exp(-lam * np.log(s)), np.exp(mu * np.log(s))
+        # Im[C] = Im[c0] and the flat phase hold ki and kd only; then kp follows from Re[C] = Re[c0].
+        i_im, d_im = integral.imag, derivative.imag
+        i_flat, d_flat = (-lam * integral / (s * c0)).real, (mu * derivative / (s * c0)).real
+        with np.errstate(divide="ignore", invalid="ignore"):
+            determinant = i_im * d_flat - d_im * i_flat
+            ki = (c0.imag * d_flat - d_im * self.flat) / determinant
+            kd = (i_im * self.flat - i_flat * c0.imag) / determinant
+            kp = c0.real - ki * integral.real - kd * derivative.real
+        return np.stack([kp, ki, kd, lam, mu], axis=-1)
+
+
+def exact_gains(process: Process, phase_margin: float, crossover: float, lam: ArrayLike, mu: ArrayLike) -> Real:
+    """The gains that meet phase margin, crossover and flat phase exactly, eqs. (1) to (3).
+
+    Parameters
+    ----------
+    process : Process
+    phase_margin : float
+        [rad]
+    crossover : float
+        [rad/s]
+    lam, mu : array_like, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (n, 5)
+        Rows kp, ki, kd, lam, mu; not finite where the three equations contradict each other.
+
+    Raises
+    ------
+    InputError
+        If the process is zero or infinite at the crossover.
+
+    Examples
+    --------
+    >>> from fopid_core.model.fopid import Fopid
+    >>> from fopid_core.model.process import read_process
+    >>> gains = exact_gains(read_process("P1"), 1.2, 0.5, [1.1], [0.9])[0]
+    >>> loop = Fopid(*gains)(0.5j) * read_process("P1")(0.5j)
+    >>> bool(abs(loop - np.exp(1j * (1.2 - np.pi))) < 1e-12)
+    True
+    """
+    return ControllerWish.of(process, phase_margin, crossover).gains(np.asarray(lam, float), np.asarray(mu, float))
+
+
+@dataclass(frozen=True)
+class Designs:
+    """A batch of designs that meet eqs. (1) to (3), with what decides between them.
+
+    Attributes
+    ----------
+    table : ndarray, shape (n, 9)
+        Columns kp, ki, kd, lam, mu; the largest |T| and |S| on the bands of the bounds [dB] (-inf without a
+        bound); ms; and the width of the flat phase [decades] (0 unless it is the criterion).
+    """
+
+    table: Real
+
+    @property
+    def gains(self) -> Real:
+        """Rows (kp, ki, kd, lam, mu), shape (n, 5)."""
+        return self.table[:, :5]
+
+    @property
+    def orders(self) -> Real:
+        """Rows (lam, mu), shape (n, 2)."""
+        return self.table[:, 3:5]
+
+    @property
+    def t_db(self) -> Real:
+        """Largest |T| on its band [dB], shape (n,)."""
+        return self.table[:, 5]
+
+    @property
+    def s_db(self) -> Real:
+        """Largest |S| on its band [dB], shape (n,)."""
+        return self.table[:, 6]
+
+    @property
+    def ms(self) -> Real:
+        """Largest |S|, shape (n,)."""
+        return self.table[:, 7]
+
+    @property
+    def flatness(self) -> Real:
+        """Width of the flat phase [decades], shape (n,)."""
+        return self.table[:, 8]
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Designs:
+        """Some of the designs."""
+        return Designs(self.table[rows])
+
+    def joined(self, *others: Designs) -> Designs:
+        """All batches as one."""
+        return Designs(np.concatenate([self.table, *(other.table for other in others)]))
+
+    def excess(self, specification: FrequencySpecification) -> Real:
+        """How far each design is above the bound it breaks most [dB]; negative when it breaks none."""
+        worst = np.full(len(self), -np.inf)
+        for bound, db in ((specification.t_max, self.t_db), (specification.s_max, self.s_db)):
+            if bound is not None:
+                worst = np.maximum(worst, db - bound.db)
+        return worst
+
+
+Merit = Callable[[Designs], Real]
+"""What a search minimises over designs."""
+
+
+class OrderSquare:
+    """The designs for one process and one specification, on one grid of frequencies.
+
+    Parameters
+    ----------
+    process : Process
+    specification : FrequencySpecification
+    w : ndarray, shape (m,)
+        Ascending frequencies at which the loop is looked at [rad/s].
+    """
+
+    def __init__(self, process: Process, specification: FrequencySpecification, w: Real) -> None:
+        self.process, self.specification, self.w = process, specification, w
+        self.evaluations = 0
+        self._wish = ControllerWish.of(process, specification.phase_margin, specification.crossover)
+        self._p = process(1j * w)
+        self._log_w = np.log(w)
+        t_max, s_max = specification.t_max, specification.s_max
+        self._t_band = slice(0) if t_max is None else self._at_and_above(t_max.frequency)
+        self._s_band = slice(0) if s_max is None else self._up_to(s_max.frequency)
+
+    def _at_and_above(self, w: float) -> slice:
+        return slice(int(np.searchsorted(self.w, w)), None)
+
+    def _up_to(self, w: float) -> slice:
+        return slice(0, int(np.searchsorted(self.w, w, side="right")))
+
+    def survey(self) -> Designs:
+        """The admissible designs (bounds aside) on a grid over the whole square."""
+        designs = self.designs(np.stack([axis.ravel() for axis in np.meshgrid(AXIS, AXIS, indexing="ij")], axis=1))
+        return designs[stable_mask(self.process, designs.gains)] if len(designs) else designs
+
+    def designs(self, orders: Real) -> Designs:
+        """The designs at those rows (lam, mu) that lie in the square, with gains of one sign and one crossover."""
+        self.evaluations += len(orders)
+        lam, mu = orders[((orders > 0.0) & (orders <= 2.0)).all(axis=1)].T
+        gains = self._wish.gains(lam, mu)
+        gains = gains[np.isfinite(gains).all(axis=1)]
+        gains = gains[has_one_sign(gains)]
+        loop = self._loop(gains)
+        single = self._crosses_once(loop)
+        return self._measure(gains[single], loop[single])
+
+    def close_in(self, designs: Designs, merit: Merit) -> Designs:
+        """The lowest merit near some designs, lowest first.
+
+        The best designs often lie in a valley far narrower than the grid, which may run along either order. So the
+        best is first sought on every line of the grid in both directions, then around the best of them all.
+        """
+        lines = [self._along_lines(designs, merit, moving) for moving in (0, 1)]
+        beam = _lowest(designs.joined(*lines), merit, BEAM)
+        for step in STEPS:
+            centres = np.round(beam.orders / step).astype(int)
+            cells = np.unique((centres[:, None] + NEIGHBOURS).reshape(-1, 2), axis=0) * step
+            beam = _lowest(beam.joined(self.designs(cells)), merit, BEAM)
+        return beam
+
+    def _along_lines(self, designs: Designs, merit: Merit, moving: int) -> Designs:
+        """The lowest merit on each line along which one order moves (0: lam, 1: mu) and the other is kept."""
+        for step, most in LINE_STEPS:
+            lines = _lowest(_best_of_each(designs, merit, 1 - moving), merit, most)
+            orders = np.repeat(lines.orders[:, None], len(LINE), axis=1)
+            orders[:, :, moving] += step * LINE
+            designs = lines.joined(self.designs(orders.reshape(-1, 2)))
+        return designs
+
+    def is_admissible(self, design: Designs) -> bool:
+        """Whether one design has gains of one sign, one crossover and a stable loop (bounds aside)."""
+        return len(self.designs(design.orders)) > 0 and bool(stable_mask(self.process, design.gains)[0])
+
+    def worst_frequencies(self, design: Designs) -> Real:
+        """Where one design has its largest |S|, and its largest |T| and |S| on the bands of the bounds [rad/s]."""
+        loop = self._loop(design.gains)[0]
+        s_gain = 1.0 / np.abs(1.0 + loop)
+        looked_at = ((slice(None), s_gain), (self._t_band, np.abs(loop) * s_gain), (self._s_band, s_gain))
+        return np.array([self.w[band][np.argmax(gain[band])] for band, gain in looked_at if len(self.w[band])])
+
+    def measure(self, gains: Real) -> Designs:
+        """What decides between the controllers with these rows (kp, ki, kd, lam, mu)."""
+        return self._measure(gains, self._loop(gains))
+
+    def _measure(self, gains: Real, loop: Complex) -> Designs:
+        s_power = 1.0 / _power(1.0 + loop)
+        t_power = _power(loop[:, self._t_band]) * s_power[:, self._t_band]
+        t_db, s_db = _worst_db(t_power), _worst_db(s_power[:, self._s_band])
+        ms = np.sqrt(s_power.max(axis=1, initial=1.0))
+        return Designs(np.column_stack([gains, t_db, s_db, ms, self._flatness(loop)]))
+
+    def _loop(self, gains: Real) -> Complex:
+        """L(j w), shape (n, frequencies)."""
+        kp, ki, kd, lam, mu = gains.T[..., None]
+        integral = ki * np.exp(-0.5j * np.pi * lam) * np.exp(-lam * self._log_w)
+        derivative = kd * np.exp(0.5j * np.pi * mu) * np.exp(mu * self._log_w)
+        return self._p * (kp + integral + derivative)
+
+    def _crosses_once(self, loop: Complex) -> NDArray[np.bool_]:
+        below = self._up_to(0.999 * self.specification.crossover)
+        above = self._at_and_above(1.001 * self.specification.crossover)
+        power = _power(loop)
+        return (power[:, below] > 1.0).all(axis=1) & (power[:, above] < 1.0).all(axis=1)
+
+    def _flatness(self, loop: Complex) -> Real:
+        """Decades around the crossover in which the phase stays within FLAT of the wished one."""
+        if self.specification.criterion != "flatness":
+            return np.zeros(len(loop))
+        wished = np.exp(1j * (self.specification.phase_margin - math.pi))
+        off = np.abs(np.angle(loop / wished)) - FLAT
+        decades = np.log10(self.w / self.specification.crossover)
+        return _reach(off, decades) + _reach(off[:, ::-1], -decades[::-1])
+
+
+def has_one_sign(gains: Real) -> NDArray[np.bool_]:
+    """Whether each row's kp, ki and kd are all positive or all negative (kp and kd may be zero)."""
+    kp, ki, kd = gains[:, 0], gains[:, 1], gains[:, 2]
+    return ((kp >= 0) & (ki > 0) & (kd >= 0)) | ((kp <= 0) & (ki < 0) & (kd <= 0))
+
+
+def frequency_grid(specification: FrequencySpecification, per_decade: int = POINTS_PER_DECADE) -> Real:
+    """A logarithmic grid that reaches three decades past everything named, finer around the crossover [rad/s]."""
+    named = [specification.crossover]
+    named += [bound.frequency for bound in (specification.t_max, specification.s_max) if bound is not None]
+    low, middle, high = (math.log10(w) for w in (min(named), specification.crossover, max(named)))
+    far = np.arange(low - 3.0, high + 3.0, 4.0 / per_decade)
+    near = np.arange(middle - 1.5, middle + 1.5, 1.0 / per_decade)
+    return np.union1d(10.0 ** np.concatenate([far, near]), named)
+
+
+def _power(values: Complex) -> Real:
+    """|values|^2, without the root that abs() takes."""
+    return values.real**2 + values.imag**2
+
+
+def _worst_db(power: Real) -> Real:
+    return 10.0 * np.log10(power.max(axis=1)) if power.shape[1] else np.full(len(power), -np.inf)
+
+
+def _reach(off: Real, decades: Real) -> Real:
+    """How far above zero the first sign change of ``off`` (n, m) lies, between points by a straight line."""
+    outside = (off > 0.0) & (decades > 0.0)
+    first = np.where(outside.any(axis=1), outside.argmax(axis=1), len(decades) - 1)
+    rows = np.arange(len(off))
+    before, after = off[rows, first - 1], off[rows, first]
+    share = np.clip(before / (before - after), 0.0, 1.0)
+    return np.asarray(decades[first - 1] + share * (decades[first] - decades[first - 1]))
+
+
+def _lowest(designs: Designs, merit: Merit, most: int) -> Designs:
+    return designs[np.argsort(merit(designs), kind="stable")[:most]]
+
+
+def _best_of_each(designs: Designs, merit: Merit, kept: int) -> Designs:
+    """The lowest merit for each different value of one order (0: lam, 1: mu)."""
+    ordered = _lowest(designs, merit, len(designs))
+    _, first = np.unique(ordered.orders[:, kept], return_index=True)
+    return ordered[first]

@@ -1,0 +1,262 @@
+"""What is asked of a tuning, and what comes back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from fopid_core.errors import InputError
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import Process
+
+METHODS = ("frequency", "time", "rule")
+VIA = ("none", "foptd", "soptd", "nioptd1", "nioptd2")
+CRITERIA = ("ms", "flatness")
+FREQUENCY_SOLVERS = ("square", "paper", "monje")
+TIME_SOLVERS = ("sqp", "nelder-mead")
+NUMBERS = ("kp", "ki", "kd", "lam", "mu")
+
+Progress = Callable[[float, str], None]
+"""Called with the share of the work done, 0 to 1, and what is being done."""
+
+Clock = Callable[[], float]
+"""A clock that only goes forward [s]."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A bound on |T| for every frequency at or above, or on |S| for every frequency at or below, a given one.
+
+    Attributes
+    ----------
+    db : float
+        The bound [dB].
+    frequency : float
+        Where its band begins (for T, eq. (4)) or ends (for S, eq. (5)) [rad/s].
+    """
+
+    db: float
+    frequency: float
+
+    def __post_init__(self) -> None:
+        require(math.isfinite(self.db), "bound", self.db, "a finite number of dB")
+        require(0 < self.frequency < math.inf, "frequency of the bound", self.frequency, "above 0 rad/s")
+
+    def __str__(self) -> str:
+        return f"{self.db:g} dB at {self.frequency:g} rad/s"
+
+
+@dataclass(frozen=True)
+class FrequencySpecification:
+    """What eqs. (1) to (5) ask for.
+
+    Attributes
+    ----------
+    phase_margin : float
+        [rad], eq. (1).
+    crossover : float
+        [rad/s], eq. (2).
+    t_max, s_max : Bound, optional
+        Eqs. (4) and (5).
+    criterion : str
+        What is best among the designs that meet them: the smallest ``ms`` = max |S| or the widest
+        ``flatness`` of the phase, eq. (3).
+    """
+
+    phase_margin: float
+    crossover: float
+    t_max: Bound | None = None
+    s_max: Bound | None = None
+    criterion: str = "ms"
+
+    def __post_init__(self) -> None:
+        require(0 < self.phase_margin < math.pi, "phase_margin", self.phase_margin, "above 0 and below pi rad")
+        require(0 < self.crossover < math.inf, "crossover", self.crossover, "above 0 rad/s")
+        one_of("criterion", self.criterion, CRITERIA)
+
+
+@dataclass(frozen=True)
+class TuningRequest:
+    """A tuning to be done; what is None is chosen from the process, and the result's message says how.
+
+    Attributes
+    ----------
+    process : Process
+        What is to be controlled.
+    method : str
+        ``frequency`` (eqs. (1) to (5)), ``time`` (eqs. (23) to (30)) or ``rule``.
+    phase_margin, crossover : float, optional
+        For ``frequency``: [rad] and [rad/s].
+    t_max, s_max : Bound, optional
+        For ``frequency``: bounds on |T| and |S|, met over their whole bands.
+    via : str
+        For ``frequency``: the template the process is reduced to first, or ``none``.
+    criterion : str
+        For ``frequency``: among all designs that meet the specification take the one with the smallest
+        ``ms`` or the widest ``flatness`` of the phase.
+    index : str
+        For ``time``: ``iae ise itae itse istes istse sum``, ``zamani`` or ``energy`` (with ``weights``).
+    horizon : float, optional
+        For ``time``: the time the index is integrated over [s].
+    ms_max, u_max, noise_max : float, optional
+        For ``time``: bounds on max |S|, on the peak of the control after a unit setpoint step, and on the
+        gain from measurement noise to control, both for the controller as it runs at ``sample_time``.
+    sample_time : float
+        For ``time``: the tick of the controller as it will run [s].
+    fixed : mapping
+        For ``time``: any of kp, ki, kd, lam, mu that shall keep a value; ``{"lam": 1, "mu": 1}`` is plain PID.
+    bounds : mapping
+        For ``time``: (low, high) for any of the five, in place of the default box.
+    weights : mapping
+        For ``time`` with ``sum``, ``zamani`` or ``energy``: weights of the parts.
+    rule : str, optional
+        For ``rule``: its name.
+    start : Fopid, optional
+        For ``time``: a further point to begin from.
+    solver : str, optional
+        ``square``, ``paper`` or ``monje`` for ``frequency``; ``sqp`` or ``nelder-mead`` for ``time``.
+    seed : int
+        For ``time``: seed of the search; the same seed gives the same answer.
+    timeout : float, optional
+        Give the best found after this long [s], marked unsuccessful.
+    """
+
+    process: Process
+    method: str = "frequency"
+    phase_margin: float | None = None
+    crossover: float | None = None
+    t_max: Bound | None = None
+    s_max: Bound | None = None
+    via: str = "none"
+    criterion: str = "ms"
+    index: str = "itae"
+    horizon: float | None = None
+    ms_max: float | None = None
+    u_max: float | None = None
+    noise_max: float | None = None
+    sample_time: float = 0.01
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    weights: Mapping[str, float] = field(default_factory=dict)
+    rule: str | None = None
+    start: Fopid | None = None
+    solver: str | None = None
+    seed: int = 0
+    timeout: float | None = None
+
+    def __post_init__(self) -> None:
+        one_of("method", self.method, METHODS)
+        one_of("via", self.via, VIA)
+        one_of("criterion", self.criterion, CRITERIA)
+        if self.solver is not None:
+            one_of("solver", self.solver, {"frequency": FREQUENCY_SOLVERS, "time": TIME_SOLVERS}.get(self.method, ()))
+        if self.phase_margin is not None:
+            require(0 < self.phase_margin < math.pi, "phase_margin", self.phase_margin, "above 0 and below pi rad")
+        for name in ("crossover", "horizon", "u_max", "noise_max", "sample_time", "timeout"):
+            _require_positive(name, getattr(self, name))
+        if self.ms_max is not None:
+            require(1 < self.ms_max < math.inf, "ms_max", self.ms_max, "above 1")
+        self._check_numbers()
+
+    def _check_numbers(self) -> None:
+        for name, value in self.fixed.items():
+            one_of("fixed", name, NUMBERS)
+            require(math.isfinite(value), f"fixed {name}", value, "a finite number")
+        for name, (low, high) in self.bounds.items():
+            one_of("bounds", name, NUMBERS)
+            require(
+                math.isfinite(low) and math.isfinite(high) and low <= high,
+                f"bounds of {name}",
+                (low, high),
+                "two finite numbers, the lower one first",
+            )
+        for name in ("lam", "mu"):
+            for value in (*self.bounds.get(name, ()), *([self.fixed[name]] if name in self.fixed else [])):
+                require(0 <= value <= 2, name, value, "0 to 2")
+
+
+@dataclass(frozen=True)
+class Achieved:
+    """What a loop does; nan where it has no meaning or was not asked for.
+
+    Attributes
+    ----------
+    phase_margin, crossover, phase_slope : float
+        At the lowest phase margin [rad], [rad/s], [rad/(rad/s)].
+    gain_margin_db, delay_margin : float
+        [dB] and [s].
+    ms, mt : float
+        max |S| and max |T|.
+    t_db, s_db : float
+        Largest |T| and |S| on the bands of the bounds [dB].
+    """
+
+    phase_margin: float
+    crossover: float
+    phase_slope: float
+    gain_margin_db: float
+    delay_margin: float
+    ms: float
+    mt: float
+    t_db: float = math.nan
+    s_db: float = math.nan
+
+
+@dataclass(frozen=True)
+class TuningResult:
+    """The answer to a tuning request.
+
+    Attributes
+    ----------
+    success : bool
+        Every specification is met and the loop with the process itself is stable.
+    message : str
+        One line for a person: what was done, what was chosen, or why it could not be.
+    method : str
+        As asked.
+    controller : Fopid or None
+        The design, or the nearest stable one when the specification cannot be met.
+    achieved : Achieved or None
+        What the loop with the process itself does.
+    stable : bool
+        Whether that loop is stable, decided by the argument principle.
+    unstable_poles : int
+        Number of unstable closed-loop poles.
+    unmet : tuple of str
+        Each specification that is not met, and how near one can come.
+    cost : float
+        What was minimised, at the design; nan for rules.
+    evaluations : int
+        Number of designs looked at.
+    elapsed : float
+        [s]
+    """
+
+    success: bool
+    message: str
+    method: str
+    controller: Fopid | None
+    achieved: Achieved | None
+    stable: bool
+    unstable_poles: int
+    unmet: tuple[str, ...]
+    cost: float
+    evaluations: int
+    elapsed: float
+
+
+def require(holds: bool, name: str, value: object, allowed: str) -> None:
+    """Raise an InputError that names the input, its value and what is allowed, unless ``holds``."""
+    if not holds:
+        raise InputError(f"{name} = {value}; allowed: {allowed}")
+
+
+def one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
+    """Raise an InputError unless ``value`` is one of the words allowed."""
+    require(value in allowed, name, repr(value), ", ".join(allowed) or "none for this method")
+
+
+def _require_positive(name: str, value: float | None) -> None:
+    if value is not None:
+        require(0 < value < math.inf, name, value, "above 0")

@@ -1,0 +1,1 @@
+"""What a loop is: the process, the controller, and what they do together."""

@@ -1,0 +1,101 @@
+"""The controller as a transfer function: C(s) = kp + ki s^-lam + kd s^mu, eq. (16) of the paper."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fopid_core.errors import InputError
+from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
+
+ORDER_RANGE = (0.0, 2.0)
+"""Allowed orders lam and mu, as in section 4.1 of the paper."""
+
+
+@dataclass(frozen=True)
+class Fopid:
+    """The five numbers of a fractional-order PID controller.
+
+    Attributes
+    ----------
+    kp, ki, kd : float
+        Proportional, integral and derivative gain; any finite number.
+    lam, mu : float
+        Order of the integral and of the derivative, each in [0, 2].
+
+    Examples
+    --------
+    >>> pid = Fopid(kp=2.0, ki=1.0, kd=0.5)
+    >>> complex(pid(1j))
+    (2-0.5j)
+    """
+
+    kp: float
+    ki: float = 0.0
+    kd: float = 0.0
+    lam: float = 1.0
+    mu: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("kp", "ki", "kd", "lam", "mu"):
+            value = getattr(self, name)
+            if not math.isfinite(value):
+                raise InputError(f"{name} = {value}; allowed: a finite number")
+            object.__setattr__(self, name, float(value))
+        low, high = ORDER_RANGE
+        for name in ("lam", "mu"):
+            if not low <= getattr(self, name) <= high:
+                raise InputError(f"{name} = {getattr(self, name)}; allowed: {low:g} to {high:g}")
+
+    def __call__(self, s: ArrayLike) -> NDArray[np.complex128]:
+        """C(s) at every element of ``s`` (complex, principal branch, none of them zero)."""
+        log_s = np.log(np.asarray(s, dtype=np.complex128))
+        return self.kp + self.ki * np.exp(-self.lam * log_s) + self.kd * np.exp(self.mu * log_s)
+
+    def derivative(self, s: ArrayLike) -> NDArray[np.complex128]:
+        """dC/ds at every element of ``s``."""
+        s = np.asarray(s, dtype=np.complex128)
+        log_s = np.log(s)
+        slope = -self.lam * self.ki * np.exp(-self.lam * log_s) + self.mu * self.kd * np.exp(self.mu * log_s)
+        return slope / s
+
+    @property
+    def integral_order(self) -> float:
+        """The power of 1/s in the controller: ``lam``, or 0 without integral action."""
+        return self.lam if self.ki else 0.0
+
+    @property
+    def numerator(self) -> QuasiPolynomial:
+        """C(s) times ``s**integral_order``."""
+        order = self.integral_order
+        terms = (Term(order, 0.0, self.kp), Term(0.0, 0.0, self.ki), Term(order + self.mu, 0.0, self.kd))
+        return QuasiPolynomial.of(terms)
+
+    @property
+    def gains(self) -> tuple[float, float, float, float, float]:
+        """(kp, ki, kd, lam, mu)."""
+        return astuple(self)
+
+    def __str__(self) -> str:
+        return f"{self.kp:.5g} + {self.ki:.5g} s^-{self.lam:.5g} + {self.kd:.5g} s^{self.mu:.5g}"
+
+
+def read_gains(text: str) -> Fopid:
+    """A controller from ``"KP,KI,KD,LAM,MU"``.
+
+    Examples
+    --------
+    >>> read_gains("1, 0.5, 0, 0.9, 1").lam
+    0.9
+    """
+    parts = text.split(",")
+    try:
+        values = [float(part) for part in parts]
+    except ValueError:
+        values = []
+    if len(values) != 5:
+        raise InputError(f"gains {text!r}; allowed: five numbers KP,KI,KD,LAM,MU")
+    return Fopid(*values)

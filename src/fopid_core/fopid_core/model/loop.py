@@ -1,0 +1,64 @@
+"""The loop: a controller and a process under unit negative feedback."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import Process
+from fopid_core.model.quasipolynomial import QuasiPolynomial
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Controller C(s) and process P(s) in a loop; call it with complex s to get L(s) = C(s) P(s).
+
+    Everything takes an array of complex s of any shape, none of them zero.
+
+    Examples
+    --------
+    >>> loop = Loop(Process.parse("1/(s+1)"), Fopid(kp=1.0))
+    >>> complex(loop.sensitivity(1j))
+    (0.6+0.2j)
+    """
+
+    process: Process
+    controller: Fopid
+
+    def __call__(self, s: ArrayLike) -> Complex:
+        """L(s) = C(s) P(s)."""
+        return self.controller(s) * self.process(s)
+
+    def sensitivity(self, s: ArrayLike) -> Complex:
+        """S(s) = 1 / (1 + L(s)), from the setpoint to the error."""
+        numerator, denominator = self.process.numerator(s), self.process.denominator(s)
+        return denominator / (denominator + self.controller(s) * numerator)
+
+    def complementary_sensitivity(self, s: ArrayLike) -> Complex:
+        """T(s) = L(s) / (1 + L(s)), from the setpoint to the output."""
+        forward = self.controller(s) * self.process.numerator(s)
+        return forward / (self.process.denominator(s) + forward)
+
+    def logarithmic_derivative(self, s: ArrayLike) -> Complex:
+        """L'(s) / L(s); on s = jw its real part is d arg L / dw, eq. (3) of the paper."""
+        controller = self.controller
+        return controller.derivative(s) / controller(s) + self.process.logarithmic_derivative(s)
+
+    @cached_property
+    def forward(self) -> QuasiPolynomial:
+        """The numerator of L(s) over ``s**lam`` times the process's denominator."""
+        return self.controller.numerator * self.process.numerator
+
+    @cached_property
+    def characteristic(self) -> QuasiPolynomial:
+        """The quasi-polynomial whose zeros are the poles of the closed loop.
+
+        Nothing is cancelled in it, so that a cancelled unstable pole still shows.
+        """
+        return self.process.denominator.shifted(self.controller.integral_order) + self.forward

@@ -1,0 +1,233 @@
+"""The process: a proper transfer function in real powers of s, with exact delay."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fopid_core.errors import ExpressionError, InputError
+from fopid_core.model.expression import read_quotient
+from fopid_core.model.quasipolynomial import QuasiPolynomial, number_text
+
+TEST_BENCH = {
+    "P1": "1/(s+1)^3",
+    "P2": "9/((s+1)(s^2+2s+9))",
+    "P3": "1/(s+1)^4",
+    "P4": "1/((s+1)(0.2s+1)(0.04s+1)(0.008s+1))",
+}
+"""The paper's higher order test bench, eqs. (12) to (15)."""
+
+
+@dataclass(frozen=True)
+class Process:
+    """P(s) = numerator(s) / denominator(s), quasi-polynomials in s.
+
+    Call it with complex s (any shape) to get P(s); delays and fractional powers are exact.
+    ``Process.parse`` reads a text, ``read_process`` also takes the names P1 ... P4 and files.
+
+    Attributes
+    ----------
+    numerator, denominator : QuasiPolynomial
+        Normalised: no common power of s, the denominator's shortest delay is zero and its leading
+        coefficient (of the undelayed highest power) as given.
+
+    Examples
+    --------
+    >>> process = Process.parse("2/(s+1)*exp(-0.5s)")
+    >>> process.delay, process.steady_state_gain
+    (0.5, 2.0)
+    >>> complex(process(0.0))
+    (2+0j)
+    """
+
+    numerator: QuasiPolynomial
+    denominator: QuasiPolynomial
+
+    def __post_init__(self) -> None:
+        if self.denominator.is_zero:
+            raise InputError("process with the denominator 0; allowed: any other denominator")
+        shift = min(self.denominator.lowest_order, self._numerator_or_denominator.lowest_order)
+        delay = self.denominator.lowest_delay
+        if shift or delay:
+            object.__setattr__(self, "numerator", self.numerator.shifted(-shift, -delay))
+            object.__setattr__(self, "denominator", self.denominator.shifted(-shift, -delay))
+        self._check_causal()
+
+    @property
+    def _numerator_or_denominator(self) -> QuasiPolynomial:
+        return self.denominator if self.numerator.is_zero else self.numerator
+
+    def _check_causal(self) -> None:
+        for part in (self.numerator, self.denominator):
+            if any(not math.isfinite(x) for t in part.terms for x in (t.coefficient, t.order, t.delay)):
+                raise InputError(f"process {self} has a number that is not finite; allowed: finite numbers")
+        if not self.numerator.is_zero and self.numerator.lowest_delay < 0:
+            raise InputError(f"process {self} looks into the future; allowed: delays >= 0")
+        degree = self.denominator.degree
+        for term in self.numerator.terms:
+            if term.order > degree:
+                raise InputError(
+                    f"process {self} is not proper: numerator of order {term.order:g}, "
+                    f"denominator of order {degree:g}; allowed: at most the denominator's order"
+                )
+        if all(t.delay > 0 for t in self.denominator.terms if t.order == degree):
+            raise InputError(f"process {self} is of advanced type: the highest power of s is delayed")
+
+    @staticmethod
+    def parse(text: str) -> Process:
+        """Read a transfer function such as ``"9/((s+1)(s^2+2s+9))*exp(-0.2s)"``.
+
+        Raises
+        ------
+        ExpressionError
+            If the text cannot be read; its message names the character.
+        InputError
+            If it reads as something that is not a proper, causal process.
+        """
+        quotient = read_quotient(text)
+        try:
+            return Process(quotient.numerator, quotient.denominator)
+        except InputError as error:
+            raise ExpressionError(text, 0, str(error)) from None
+
+    def __call__(self, s: ArrayLike) -> NDArray[np.complex128]:
+        """P(s) at every element of ``s``."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.numerator(s) / self.denominator(s)
+
+    def logarithmic_derivative(self, s: ArrayLike) -> NDArray[np.complex128]:
+        """P'(s) / P(s) at every element of ``s``; what phase slopes are made of."""
+        return self.numerator.derivative(s) / self.numerator(s) - self.denominator.derivative(s) / self.denominator(s)
+
+    @cached_property
+    def delay(self) -> float:
+        """The time before the output answers the input at all [s]."""
+        return 0.0 if self.numerator.is_zero else self.numerator.lowest_delay
+
+    @property
+    def relative_degree(self) -> float:
+        """Order of the denominator less order of the numerator."""
+        return self.denominator.degree - self._numerator_or_denominator.degree
+
+    @property
+    def integrating_order(self) -> float:
+        """The power of 1/s in the process: 0 for a process that settles."""
+        return self.denominator.lowest_order if not self.numerator.is_zero else 0.0
+
+    @property
+    def is_rational(self) -> bool:
+        """Whether it is a ratio of ordinary polynomials times one delay."""
+        return self.has_integer_orders and self.numerator.has_one_delay and self.denominator.has_one_delay
+
+    @property
+    def has_integer_orders(self) -> bool:
+        """Whether every power of s is a whole number."""
+        return self.numerator.has_integer_orders and self.denominator.has_integer_orders
+
+    @property
+    def steady_state_gain(self) -> float:
+        """P(0): infinite for an integrating process."""
+        if self.numerator.is_zero:
+            return 0.0
+        if self.integrating_order > 0:
+            return math.inf
+        return float(self(0.0).real)
+
+    def polynomials(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Numerator and denominator coefficients (highest power first) and the delay [s].
+
+        Raises
+        ------
+        InputError
+            If the process is not rational.
+        """
+        if not self.is_rational:
+            raise InputError(f"process {self} is not rational; allowed here: whole powers of s and one delay")
+        return self.numerator.coefficients(), self.denominator.coefficients(), self.delay
+
+    def without_delay(self) -> Process:
+        """The process with its delay taken out."""
+        return Process(self.numerator.shifted(delay=-self.delay), self.denominator)
+
+    def delayed(self, delay: float) -> Process:
+        """The process behind a further ``delay`` [s]."""
+        return Process(self.numerator.shifted(delay=delay), self.denominator)
+
+    def scaled(self, gain: float) -> Process:
+        """The process times a constant."""
+        return Process(self.numerator.scaled(gain), self.denominator)
+
+    def __mul__(self, other: Process) -> Process:
+        """Series connection."""
+        return Process(self.numerator * other.numerator, self.denominator * other.denominator)
+
+    def __add__(self, other: Process) -> Process:
+        """Parallel connection."""
+        if self.denominator == other.denominator:
+            return Process(self.numerator + other.numerator, self.denominator)
+        cross = self.numerator * other.denominator + other.numerator * self.denominator
+        return Process(cross, self.denominator * other.denominator)
+
+    def __neg__(self) -> Process:
+        return self.scaled(-1.0)
+
+    def __sub__(self, other: Process) -> Process:
+        return self + (-other)
+
+    def feedback(self, other: Process | None = None) -> Process:
+        """Negative feedback P / (1 + P H), with H = 1 when ``other`` is not given."""
+        if other is None:
+            return Process(self.numerator, self.denominator + self.numerator)
+        return Process(
+            self.numerator * other.denominator,
+            self.denominator * other.denominator + self.numerator * other.numerator,
+        )
+
+    def __str__(self) -> str:
+        """The process as text that ``parse`` reads back."""
+        delay = self.delay
+        numerator = str(self.numerator.shifted(delay=-delay)) if not self.numerator.is_zero else "0"
+        if len(self.numerator.terms) > 1:
+            numerator = f"({numerator})"
+        body = numerator if str(self.denominator) == "1" else f"{numerator}/({self.denominator})"
+        return f"{body} * exp(-{number_text(delay)}s)" if delay else body
+
+
+def read_process(source: str) -> Process:
+    """A process from what people type: a name of the test bench, a text, or a YAML file.
+
+    Parameters
+    ----------
+    source : str
+        ``"P1"`` ... ``"P4"``, a transfer function in s, or the path of a file that ends in ``.yaml``
+        or ``.yml`` and holds the key ``process`` with one of the former.
+
+    Examples
+    --------
+    >>> str(read_process("P1"))
+    '1/(s^3 + 3 s^2 + 3 s + 1)'
+    """
+    name = source.strip()
+    if name.endswith((".yaml", ".yml")):
+        return _read_process_file(Path(name))
+    return Process.parse(TEST_BENCH.get(name, source))
+
+
+def _read_process_file(path: Path) -> Process:
+    import yaml  # only files need it, and the controller's path must stay light
+
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"process file {str(path)!r} cannot be read: {' '.join(str(error).split())}") from None
+    text = content.get("process") if isinstance(content, dict) else None
+    if not isinstance(text, str):
+        raise InputError(f"process file {str(path)!r} has no text under the key 'process'")
+    if text.strip().endswith((".yaml", ".yml")):
+        raise InputError(f"process file {str(path)!r} names the file {text!r}; allowed: a name or a transfer function")
+    return read_process(text)

@@ -1,0 +1,202 @@
+"""Quasi-polynomials: sums of ``coefficient * s**order * exp(-delay * s)``.
+
+Numerators and denominators of fractional processes with delay are quasi-polynomials, and so is every
+sum and product of them. They are therefore closed under series, parallel and feedback connection.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_ORDER_DIGITS = 12  # orders (and delays) closer than 1e-12 are the same: sums of decimals are not exact
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, order=True)
+class Term:
+    """One summand ``coefficient * s**order * exp(-delay * s)``."""
+
+    order: float
+    delay: float
+    coefficient: float
+
+
+@dataclass(frozen=True)
+class QuasiPolynomial:
+    """A sum of terms, highest order first, none of them zero, no two alike.
+
+    Examples
+    --------
+    >>> s = QuasiPolynomial.monomial(1.0, order=1)
+    >>> one = QuasiPolynomial.constant(1.0)
+    >>> str((s + one) ** 2)
+    's^2 + 2 s + 1'
+    """
+
+    terms: tuple[Term, ...]
+
+    @staticmethod
+    def of(terms: Iterable[Term]) -> QuasiPolynomial:
+        """Merge like terms and put them in order."""
+        merged: dict[tuple[float, float], float] = {}
+        for term in terms:
+            key = (round(term.order, _ORDER_DIGITS), round(term.delay, _ORDER_DIGITS))
+            merged[key] = merged.get(key, 0.0) + term.coefficient
+        kept = [Term(order, delay, c) for (order, delay), c in merged.items() if c != 0.0]
+        return QuasiPolynomial(tuple(sorted(kept, key=lambda t: (-t.order, t.delay))))
+
+    @staticmethod
+    def constant(value: float) -> QuasiPolynomial:
+        """The number ``value``."""
+        return QuasiPolynomial.monomial(value)
+
+    @staticmethod
+    def monomial(coefficient: float, order: float = 0.0, delay: float = 0.0) -> QuasiPolynomial:
+        """The single term ``coefficient * s**order * exp(-delay * s)``."""
+        return QuasiPolynomial.of([Term(float(order), float(delay), float(coefficient))])
+
+    @staticmethod
+    def polynomial(coefficients: Iterable[float]) -> QuasiPolynomial:
+        """A polynomial in s from its coefficients, highest power first."""
+        values = [float(c) for c in coefficients]
+        top = len(values) - 1
+        return QuasiPolynomial.of(Term(float(top - i), 0.0, c) for i, c in enumerate(values))
+
+    def __add__(self, other: QuasiPolynomial) -> QuasiPolynomial:
+        return QuasiPolynomial.of(self.terms + other.terms)
+
+    def __neg__(self) -> QuasiPolynomial:
+        return self.scaled(-1.0)
+
+    def __sub__(self, other: QuasiPolynomial) -> QuasiPolynomial:
+        return self + (-other)
+
+    def __mul__(self, other: QuasiPolynomial) -> QuasiPolynomial:
+        return QuasiPolynomial.of(
+            Term(a.order + b.order, a.delay + b.delay, a.coefficient * b.coefficient)
+            for a in self.terms
+            for b in other.terms
+        )
+
+    def __pow__(self, exponent: int) -> QuasiPolynomial:
+        result = QuasiPolynomial.constant(1.0)
+        for _ in range(exponent):
+            result = result * self
+        return result
+
+    def scaled(self, factor: float) -> QuasiPolynomial:
+        """Every coefficient times ``factor``."""
+        return QuasiPolynomial.of(Term(t.order, t.delay, factor * t.coefficient) for t in self.terms)
+
+    def shifted(self, order: float = 0.0, delay: float = 0.0) -> QuasiPolynomial:
+        """The product with ``s**order * exp(-delay * s)``; either may be negative."""
+        return QuasiPolynomial.of(Term(t.order + order, t.delay + delay, t.coefficient) for t in self.terms)
+
+    def __call__(self, s: ArrayLike) -> Complex:
+        """The value at every element of ``s`` (complex, principal branch of the powers)."""
+        s = np.asarray(s, dtype=np.complex128)
+        with np.errstate(divide="ignore"):
+            log_s = np.log(s)
+        total = np.zeros_like(s)
+        for term in self.terms:
+            total = total + term.coefficient * _power(s, log_s, term.order) * _lag(s, term.delay)
+        return total
+
+    def derivative(self, s: ArrayLike) -> Complex:
+        """The derivative with respect to s, at every element of ``s`` (none of them zero)."""
+        s = np.asarray(s, dtype=np.complex128)
+        log_s = np.log(s)
+        total = np.zeros_like(s)
+        for term in self.terms:
+            value = term.coefficient * _power(s, log_s, term.order) * _lag(s, term.delay)
+            total = total + value * (term.order / s - term.delay)
+        return total
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether there is no term at all."""
+        return not self.terms
+
+    @property
+    def degree(self) -> float:
+        """The highest order."""
+        return max(t.order for t in self.terms)
+
+    @property
+    def lowest_order(self) -> float:
+        """The lowest order: how often s can be taken out."""
+        return min(t.order for t in self.terms)
+
+    @property
+    def lowest_delay(self) -> float:
+        """The shortest delay: how much of it can be taken out."""
+        return min(t.delay for t in self.terms)
+
+    @property
+    def has_integer_orders(self) -> bool:
+        """Whether every order is a whole number."""
+        return all(float(t.order).is_integer() for t in self.terms)
+
+    @property
+    def has_one_delay(self) -> bool:
+        """Whether all terms carry the same delay."""
+        return len({t.delay for t in self.terms}) <= 1
+
+    def coefficients(self) -> NDArray[np.float64]:
+        """Coefficients of the ordinary polynomial, highest power first (delays are left out).
+
+        Raises
+        ------
+        ValueError
+            If an order is not a whole number, or the terms have different delays.
+        """
+        if not (self.has_integer_orders and self.has_one_delay):
+            raise ValueError(f"{self} is not an ordinary polynomial")
+        out = np.zeros(int(self.degree) + 1 if self.terms else 1)
+        for term in self.terms:
+            out[len(out) - 1 - int(term.order)] = term.coefficient
+        return out
+
+    def __str__(self) -> str:
+        if self.is_zero:
+            return "0"
+        text = _term_text(self.terms[0], first=True)
+        for term in self.terms[1:]:
+            text += _term_text(term, first=False)
+        return text
+
+
+def _power(s: Complex, log_s: Complex, order: float) -> Complex:
+    if order == 0.0:
+        return np.ones_like(s)
+    if order.is_integer():
+        return s ** int(order)
+    return np.exp(order * log_s)
+
+
+def _lag(s: Complex, delay: float) -> Complex | float:
+    return np.exp(-delay * s) if delay else 1.0
+
+
+def number_text(value: float) -> str:
+    """The shortest decimal that reads back as the same number."""
+    return repr(int(value)) if value == math.floor(value) and abs(value) < 1e15 else repr(float(value))
+
+
+def _term_text(term: Term, *, first: bool) -> str:
+    sign = ("-" if term.coefficient < 0 else "") if first else (" - " if term.coefficient < 0 else " + ")
+    size = abs(term.coefficient)
+    factors = []
+    if term.order:
+        factors.append("s" if term.order == 1 else f"s^{number_text(term.order)}")
+    if term.delay:
+        factors.append(f"exp(-{number_text(term.delay)}s)")
+    if size != 1.0 or not factors:
+        factors.insert(0, number_text(size))
+    return sign + " ".join(factors)

@@ -1,0 +1,72 @@
+"""Controller and plant in lockstep without ROS: the reference for the trace of the ROS loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopid_core.runtime.controller import FopidController
+from fopid_core.runtime.plant import Plant
+
+Signal = Callable[[int], float]
+"""A signal by the number of the sample."""
+
+Action = Callable[[FopidController, Plant], None]
+"""What is done to the loop between two samples."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The loop's signals at samples 0 ... n-1; each array has shape (n,)."""
+
+    time: NDArray[np.float64]
+    setpoint: NDArray[np.float64]
+    measurement: NDArray[np.float64]
+    control: NDArray[np.float64]
+
+
+def simulate(
+    controller: FopidController,
+    plant: Plant,
+    samples: int,
+    setpoint: Signal,
+    disturbance: Signal = lambda k: 0.0,
+    actions: Mapping[int, Action] | None = None,
+) -> Trace:
+    """Run y_k -> u_k -> y_(k+1) for a number of samples.
+
+    Parameters
+    ----------
+    controller, plant
+        As they are; they are left as they are at the end.
+    samples : int
+        How many ticks.
+    setpoint, disturbance : callable
+        Value at sample k.
+    actions : mapping, optional
+        Sample number -> what to do just before the tick of that sample, for instance new gains.
+
+    Examples
+    --------
+    >>> from fopid_core.model.fopid import Fopid
+    >>> from fopid_core.model.process import Process
+    >>> from fopid_core.runtime.controller import ControllerSettings
+    >>> from fopid_core.runtime.plant import PlantSettings
+    >>> controller = FopidController(ControllerSettings(Fopid(kp=1.0, ki=1.0)))
+    >>> plant = Plant(PlantSettings(Process.parse("1/(s+1)")))
+    >>> bool(abs(simulate(controller, plant, 1000, lambda k: 1.0).measurement[-1] - 1.0) < 0.01)
+    True
+    """
+    h = plant.settings.sample_time
+    rows = np.empty((samples, 4))
+    for k in range(samples):
+        if actions and k in actions:
+            actions[k](controller, plant)
+        wanted, measured = setpoint(k), plant.measurement
+        control = controller.step(wanted, measured)
+        rows[k] = (k * h, wanted, measured, control)
+        plant.step(control, disturbance(k))
+    return Trace(*rows.T.copy())

@@ -1,0 +1,138 @@
+"""Writing a rosbag2 bag (mcap) that opens whatever ends the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from fopid_core.errors import InputError
+from fopid_core.study.bag_repair import repair
+from fopid_core.study.rosbag2 import Content, Topic, dump, information, topic_entry, write_metadata
+
+LIBRARY = "fopid_core"
+METADATA_RECORD = "rosbag2"
+METADATA_KEY = "serialized_metadata"
+
+
+class BagWriter:
+    """A new bag, every message definition inside.
+
+    ``metadata.yaml`` is there from the start. Messages are written in chunks: what ``flush`` has written
+    survives the death of the process. After an ``OSError`` (a full disk, say) the bag holds what was written
+    before it, with its index, and takes no more.
+
+    Parameters
+    ----------
+    folder : Path
+        The bag; it must not exist yet.
+    topics : sequence of Topic
+    metadata : mapping
+        Texts kept in the bag as its ``custom_data``.
+
+    Attributes
+    ----------
+    counts : dict
+        Topic name -> messages taken so far.
+
+    Raises
+    ------
+    InputError
+        If the folder exists.
+    OSError
+        If it cannot be made.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from fopid_core.study.rosbag2 import Topic
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     bag = BagWriter(Path(folder, "bag"), [Topic("/a", "std_msgs/msg/Float64", "float64 data")], {})
+    ...     bag.write("/a", 0, bytes.fromhex("00010000" "000000000000f03f"))
+    ...     bag.close()
+    ...     sorted(path.name for path in Path(folder, "bag").iterdir())
+    ['bag.mcap', 'metadata.yaml']
+    """
+
+    def __init__(self, folder: Path, topics: Sequence[Topic], metadata: Mapping[str, str]) -> None:
+        self.folder = folder
+        self.counts = dict.fromkeys((topic.name for topic in topics), 0)
+        self._custom = dict(metadata)
+        self._entries = {topic.name: topic_entry(topic) for topic in topics}
+        self._span: tuple[int, int] | None = None
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            raise InputError(f"bag {str(folder)!r} exists already; allowed: a name that is free") from None
+        self._path = folder / f"{folder.name}.mcap"
+        self._file = self._path.open("xb")
+        self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+        self._begin(topics)
+
+    def _begin(self, topics: Sequence[Topic]) -> None:
+        write_metadata(self.folder, self._path.name, Content(self._entries, {}), self._custom)
+        self._writer.start(profile="ros2", library=LIBRARY)
+        schemas = {
+            topic.type_name: self._writer.register_schema(topic.type_name, "ros2msg", topic.definition.encode())
+            for topic in {topic.type_name: topic for topic in topics}.values()
+        }
+        self._channels = {
+            topic.name: self._writer.register_channel(
+                topic.name,
+                message_encoding="cdr",
+                schema_id=schemas[topic.type_name],
+                metadata={
+                    "offered_qos_profiles": dump([topic.qos.profile()]),
+                    "topic_type_hash": self._entries[topic.name]["type_description_hash"],
+                },
+            )
+            for topic in topics
+        }
+        self._file.flush()
+
+    @property
+    def closed(self) -> bool:
+        """Whether the bag takes no more messages."""
+        return self._file.closed
+
+    def write(self, topic: str, log_time: int, data: bytes) -> None:
+        """Take a message: serialized (CDR), with its log time [ns]."""
+        try:
+            self._writer.add_message(self._channels[topic], log_time, data, publish_time=log_time)
+        except OSError:
+            self._abandon()
+            raise
+        self.counts[topic] += 1
+        start, end = self._span or (log_time, log_time)
+        self._span = min(start, log_time), max(end, log_time)
+
+    def flush(self) -> None:
+        """Hand everything taken so far to the operating system."""
+        try:
+            self._writer.flush()
+        except OSError:
+            self._abandon()
+            raise
+
+    def close(self) -> None:
+        """Write index and ``metadata.yaml``; a closed bag is left as it is."""
+        if self.closed:
+            return
+        try:
+            content = Content(self._entries, self.counts, *(self._span or (0, 0)))
+            embedded = dump(information(self._path.name, content, self._custom))
+            self._writer.flush()
+            self._writer.add_metadata(METADATA_RECORD, {METADATA_KEY: embedded})
+            self._writer.finish()
+            self._file.close()
+            write_metadata(self.folder, self._path.name, content, self._custom)
+        except BaseException:
+            self._abandon()
+            raise
+
+    def _abandon(self) -> None:
+        """End the bag at its last whole chunk."""
+        # The buffer still holds what could not be written; without the file beneath it is thrown away.
+        self._file.raw.close()
+        self.counts.update(repair(self.folder).counts)

@@ -1,0 +1,197 @@
+"""What the nodes have in common: a managed life, checked parameters, an orderly end."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from fopid_core.errors import InputError
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import SetParametersResult
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.exceptions import InvalidNamespaceException, InvalidNodeNameException
+from rclpy.executors import Executor
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+
+from fopid_ros.parameters import Spec, check_changes, declare, values
+
+LOCKSTEP_DEPTH = 1000
+"""Depth of the loop's publishers in lockstep: a recorder that falls behind loses nothing."""
+
+TIMING = Spec(
+    "trigger", "realtime", "realtime: a timer on a steady clock; lockstep: the plant owns /clock",
+    choices=("realtime", "lockstep"), read_only=True,
+)  # fmt: skip
+AUTOSTART = Spec("autostart", True, "configure and activate without waiting for a lifecycle manager", read_only=True)
+
+
+def loop_qos(*, lockstep: bool, reliable: bool = True) -> QoSProfile:
+    """QoS of the loop's signals: depth 1, since only the newest value counts, except in lockstep."""
+    best_effort = not reliable and not lockstep
+    return QoSProfile(
+        depth=LOCKSTEP_DEPTH if lockstep else 1,
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+    )
+
+
+def latched_qos(depth: int = 1) -> QoSProfile:
+    """QoS of what late-comers should still see."""
+    return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def take_waiting(subscription: Subscription) -> None:
+    """Deliver the messages that have arrived but whose callback has not run yet."""
+    with subscription.handle:
+        while (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is not None:
+            subscription.callback(taken[0])
+
+
+class ManagedNode(LifecycleNode):
+    """A lifecycle node whose parameters are a table and are checked as a whole.
+
+    Subclasses override ``check`` (would this set of values do?) and ``apply`` (it is in force now).
+    """
+
+    def __init__(self, name: str, specs: Sequence[Spec], **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self._specs = {spec.name: spec for spec in (*specs, AUTOSTART)}
+        self._survive_wrong_transitions()
+        try:
+            declare(self, tuple(self._specs.values()))
+            self.check(self.values())
+        except InputError:
+            self.destroy_node()
+            raise
+        self.last_rejected = ""
+        self.add_on_set_parameters_callback(self._on_set)
+        self.add_post_set_parameters_callback(self._after_set)
+
+    def values(self, changes: Sequence[Parameter] = ()) -> dict[str, Any]:
+        """All parameters by name, with ``changes`` made."""
+        return values(self, tuple(self._specs.values()), changes)
+
+    def check(self, values: dict[str, Any]) -> None:
+        """Raise InputError if the node cannot run with these values."""
+
+    def apply(self, values: dict[str, Any]) -> None:
+        """Take values that have passed ``check``."""
+
+    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+        try:
+            check_changes(self._specs, changes)
+            self.check(self.values(changes))
+        except InputError as error:
+            self.last_rejected = str(error)
+            self.get_logger().warning(f"parameters rejected, nothing changed: {error}")
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _after_set(self, changes: list[Parameter]) -> None:
+        if any(change.name in self._specs for change in changes):
+            self.apply(self.values())
+
+    def _survive_wrong_transitions(self) -> None:
+        """A transition that the present state does not allow is answered with success = false."""
+        answer = self._service_change_state.callback
+
+        def guarded(request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+            try:
+                return answer(request, response)
+            except RCLError as error:
+                self.get_logger().warning(f"transition refused: {' '.join(str(error).split())}")
+                response.success = False
+                return response
+
+        self._service_change_state.callback = guarded
+
+    def start(self) -> None:
+        """Configure and activate, when ``autostart`` is set.
+
+        Raises
+        ------
+        InputError
+            If the node does not reach the active state.
+        """
+        if not self.get_parameter("autostart").value:
+            return
+        for trigger in (self.trigger_configure, self.trigger_activate):
+            if trigger() != TransitionCallbackReturn.SUCCESS:
+                raise InputError(f"{self.get_name()} could not be started; see the message above")
+
+    def stop(self) -> None:
+        """Leave the active state in good order."""
+        try:
+            self.trigger_shutdown()
+        except RCLError:
+            self.get_logger().debug("already shut down")
+
+
+class StopSignal:
+    """Ctrl-C and termination as an event that threads can wait for."""
+
+    def __init__(self) -> None:
+        self.event = threading.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: self.event.set())
+
+
+def run(
+    make_node: Callable[[], ManagedNode],
+    args: Sequence[str] | None = None,
+    make_executor: Callable[[], Executor] = EventsExecutor,
+) -> int:
+    """Run a node until it is told to stop; the exit code of its process.
+
+    Bad input ends with one line on stderr and exit code 2.
+    """
+    stop = StopSignal()
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        node = make_node()
+    except (InputError, InvalidNodeNameException, InvalidNamespaceException, RCLError) as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        rclpy.try_shutdown()
+        return 2
+    try:
+        node.start()
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        node.destroy_node()
+        rclpy.try_shutdown()
+        return 2
+    _spin_until(stop.event, node, make_executor())
+    node.stop()
+    node.destroy_node()
+    rclpy.try_shutdown()
+    return 0
+
+
+def _spin_until(stop: threading.Event, node: ManagedNode, executor: Executor) -> None:
+    """Spin in a thread of its own, so that signals are seen at once; raise what a callback raised."""
+    failure: list[BaseException] = []
+    executor.add_node(node)
+
+    def spin() -> None:
+        try:
+            executor.spin()
+        except BaseException as error:  # handed to the main thread below
+            failure.append(error)
+        finally:
+            stop.set()
+
+    thread = threading.Thread(target=spin, name="executor", daemon=True)
+    thread.start()
+    stop.wait()
+    executor.shutdown()
+    thread.join(timeout=5.0)
+    if failure:
+        raise failure[0]

@@ -1,0 +1,70 @@
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from setuptools import find_packages, setup
+
+from distutils.command.install_data import install_data  # isort: skip  (setuptools provides it)
+
+EXECUTABLES = {
+    "plant_simulator": "plant_simulator",
+    "fopid_controller": "fopid_controller",
+    "fopid_tuner": "fopid_tuner",
+    "experiment": "experiment",
+    "fopid_demo": "demo",
+    "fopid_ros_benchmark": "benchmark",
+}
+
+manifest = ET.parse(Path(__file__).with_name("package.xml")).getroot()
+name = manifest.findtext("name")
+
+
+class InstallData(install_data):
+    """Also puts each executable where `ros2 run` and launch look for it.
+
+    colcon puts the scripts into lib/<package> (setup.cfg), pip only into bin.
+    """
+
+    def run(self):
+        super().run()
+        folder = Path(self.install_dir, "lib", name)
+        folder.mkdir(parents=True, exist_ok=True)
+        for executable in EXECUTABLES:
+            script = folder / executable
+            if not script.exists():
+                script.write_text(f'#!/bin/sh\nexec "${{0%/*}}/../../bin/{executable}" "$@"\n')
+                script.chmod(0o755)
+                self.outfiles.append(str(script))
+
+
+def shared(folder, pattern):
+    """Return the data_files entries that keep the tree of `folder` under share/."""
+    files = [path for path in sorted(Path(folder).rglob(pattern)) if path.is_file()]
+    return [(f"share/{name}/{path.parent}", [str(path)]) for path in files]
+
+
+setup(
+    name=name,
+    version=manifest.findtext("version"),
+    description=manifest.findtext("description"),
+    license=manifest.findtext("license"),
+    python_requires=">=3.11",
+    packages=find_packages(include=[name, f"{name}.*"]),
+    package_data={"": ["py.typed", "*.yaml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
+        (f"share/{name}", ["package.xml"]),
+        *shared("launch", "*.launch.py"),
+        # `config` is a link to the repository's own folder of that name.
+        *shared("config", "*.yaml"),
+    ],
+    zip_safe=False,
+    # What comes with ROS 2 (rclpy, the messages) is in package.xml.
+    install_requires=["fopid_core", "numpy", "pyyaml"],
+    extras_require={"test": ["pytest"]},
+    entry_points={
+        "console_scripts": [
+            f"{executable} = {name}.{module}:main" for executable, module in EXECUTABLES.items()
+        ]
+    },
+    cmdclass={"install_data": InstallData},
+)
