@@ -9,6 +9,8 @@ BIN := $(CURDIR)/.venv/bin
 # A ROS 2 installation sourced in the calling shell must not mix with the one in .venv.
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME PYTHONPATH
 unexport RMW_IMPLEMENTATION VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# Without cached bytecode a node takes twice as long to start.
+unexport PYTHONDONTWRITEBYTECODE
 
 # ROS 2 stays on this machine unless told otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST

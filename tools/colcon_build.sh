@@ -14,11 +14,11 @@ log=(--log-base "$out/log")
 quiet=(--event-handlers 'desktop_notification-' 'terminal_title-')
 
 rm -rf "$out"
-colcon "${log[@]}" build "${bases[@]}" "${quiet[@]}" "$@" \
+colcon "${log[@]}" build "${bases[@]}" "${quiet[@]}" \
   --cmake-args "-DCMAKE_PROJECT_INCLUDE=$root/src/fopid_msgs/cmake/ros_from_pypi.cmake" -DCMAKE_BUILD_TYPE=Release
 colcon "${log[@]}" test "${bases[@]}" "${quiet[@]}" --return-code-on-test-failure ||
-  { colcon test-result --test-result-base "$out/build" --verbose; exit 1; }
-colcon test-result --test-result-base "$out/build"
+  { colcon "${log[@]}" test-result --test-result-base "$out/build" --verbose; exit 1; }
+colcon "${log[@]}" test-result --test-result-base "$out/build"
 
 # The settings of colcon lead every process from here on: setup.bash wants unset variables.
 set +u

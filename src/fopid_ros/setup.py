@@ -62,9 +62,7 @@ setup(
     install_requires=["fopid_core", "numpy", "pyyaml"],
     extras_require={"test": ["pytest"]},
     entry_points={
-        "console_scripts": [
-            f"{executable} = {name}.{module}:main" for executable, module in EXECUTABLES.items()
-        ]
+        "console_scripts": [f"{executable} = {name}.{module}:main" for executable, module in EXECUTABLES.items()]
     },
     cmdclass={"install_data": InstallData},
 )

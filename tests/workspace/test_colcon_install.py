@@ -52,18 +52,14 @@ def test_sourced_python_imports_the_package_from_the_workspace(package):
 def test_executable_is_where_ros2_run_looks_and_shows_its_help(executable):
     script = INSTALL / "fopid_ros" / "lib" / "fopid_ros" / executable
     assert os.access(script, os.X_OK)
-    run = subprocess.run(
-        [script, "--help"], cwd=INSTALL, capture_output=True, text=True, timeout=60
-    )
+    run = subprocess.run([script, "--help"], cwd=INSTALL, capture_output=True, text=True, timeout=60)
     assert run.returncode == 0, run.stderr
     assert "usage" in run.stdout.lower()
 
 
 def test_command_fopid_shows_its_help():
     script = INSTALL / "fopid_core" / "lib" / "fopid_core" / "fopid"
-    run = subprocess.run(
-        [script, "--help"], cwd=INSTALL, capture_output=True, text=True, timeout=60
-    )
+    run = subprocess.run([script, "--help"], cwd=INSTALL, capture_output=True, text=True, timeout=60)
     assert run.returncode == 0, run.stderr
     assert "usage" in run.stdout.lower()
 

@@ -21,9 +21,11 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
+from rclpy.task import Future
 
 from fopid_ros.parameters import Spec, check_changes, declare, values
 
+FOREVER = 1e8  # [s]
 LOCKSTEP_DEPTH = 1000
 """Depth of the loop's publishers in lockstep: a recorder that falls behind loses nothing."""
 
@@ -180,9 +182,12 @@ def _spin_until(stop: threading.Event, node: ManagedNode, executor: Executor) ->
     failure: list[BaseException] = []
     executor.add_node(node)
 
+    stopped = Future()
+
     def spin() -> None:
         try:
-            executor.spin()
+            # Not spin(): without a time limit, EventsExecutor of rclpy 7.1 loops without waiting.
+            executor.spin_until_future_complete(stopped, timeout_sec=FOREVER)
         except BaseException as error:  # handed to the main thread below
             failure.append(error)
         finally:
@@ -191,7 +196,9 @@ def _spin_until(stop: threading.Event, node: ManagedNode, executor: Executor) ->
     thread = threading.Thread(target=spin, name="executor", daemon=True)
     thread.start()
     stop.wait()
-    executor.shutdown()
+    stopped.set_result(None)
+    executor.wake()
     thread.join(timeout=5.0)
+    executor.shutdown()
     if failure:
         raise failure[0]

@@ -20,6 +20,9 @@ NUMBERS = ("kp", "ki", "kd", "lam", "mu")
 Progress = Callable[[float, str], None]
 """Called with the share of the work done, 0 to 1, and what is being done."""
 
+Expired = Callable[[], bool]
+"""Whether the time allowed is over."""
+
 Clock = Callable[[], float]
 """A clock that only goes forward [s]."""
 
@@ -244,6 +247,30 @@ class TuningResult:
     cost: float
     evaluations: int
     elapsed: float
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What a method proposes, before it is verified on the process itself.
+
+    Attributes
+    ----------
+    controller : Fopid or None
+    unmet : tuple of str
+        Specifications it does not meet, and how near one can come.
+    message : str
+        What was done and what was chosen.
+    cost : float
+        What was minimised.
+    evaluations : int
+        Number of designs looked at.
+    """
+
+    controller: Fopid | None
+    unmet: tuple[str, ...]
+    message: str
+    cost: float
+    evaluations: int
 
 
 def require(holds: bool, name: str, value: object, allowed: str) -> None:

@@ -1,9 +1,9 @@
 """What a transform does at high frequency, and so what its signal does at its first instants and after each delay.
 
-A quotient of quasi-polynomials expands at s -> infinity into terms ``c s**-v exp(-d s)``. Each is, in time, the singular
-function c (t - d)^(v-1) / Gamma(v): a jump for v = 1, infinite slope or value for fractional v. Taken out of the
-transform, they leave a smooth remainder that few samples describe. They are taken out as ``c (s + b)**-v exp(-d s)``, with
-b as fast as the loop, because these die out.
+A quotient of quasi-polynomials expands at s -> infinity into terms ``c s**-v exp(-d s)``. Each is, in time, the
+singular function c (t - d)^(v-1) / Gamma(v): a jump for v = 1, infinite slope or value for fractional v. Taken out of
+the transform, they leave a smooth remainder that few samples describe. They are taken out as
+``c (s + b)**-v exp(-d s)``, with b as fast as the loop, because these die out.
 """
 
 from __future__ import annotations
@@ -13,15 +13,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _MOST_TERMS = 400
 _NEGLIGIBLE = 1e-12
+_ROUNDING = 1e-12
 _DIGITS = 10  # orders and delays of products of terms that agree to so many digits are the same
 
 
@@ -79,12 +77,12 @@ def expansion_at_infinity(
     's^-1 - s^-2 + s^-3'
     """
     lead = leading_term(denominator)
-    rest = [t for t in denominator.scaled(1.0 / lead.coefficient).shifted(-lead.order, -lead.delay).terms]
-    rest = [t for t in rest if (t.order, t.delay) != (0.0, 0.0)]
+    monic = denominator.scaled(1.0 / lead.coefficient).shifted(-lead.order, -lead.delay)
+    rest = [t for t in monic.terms if (t.order, t.delay) != (0.0, 0.0)]
     division = _Division(lowest_order, longest_delay, rate)
     for t in numerator.scaled(1.0 / lead.coefficient).shifted(-lead.order, -lead.delay).terms:
         division.add(t.order, t.delay, t.coefficient)
-    quotient = []
+    quotient: list[Term] = []
     while len(quotient) < _MOST_TERMS and (term := division.pop()) is not None:
         quotient.append(term)
         for t in rest:
@@ -148,7 +146,7 @@ class SingularPart:
         powers, delays, coefficients = np.array(rows).reshape(-1, 3).T
         return SingularPart(rate, coefficients, powers, delays)
 
-    def transform(self, s: Complex) -> Complex:
+    def transform(self, s: Complexes) -> Complexes:
         """Its value at every element of ``s``."""
         log_sigma = np.log(s + self.rate)
         total = np.zeros_like(s)
@@ -156,13 +154,13 @@ class SingularPart:
             total += c * np.exp(-power * log_sigma - delay * s)
         return total
 
-    def signal(self, time: Floats, tolerance: float) -> Floats:
-        """Its value for t > 0, limits from the right; instants within ``tolerance`` [s] of a delay count as that delay."""
+    def signal(self, time: Floats) -> Floats:
+        """Its value for t > 0; at 0 and at the delays, to rounding, the limit from the right."""
         total = np.zeros_like(time)
         for delay in np.unique(self.delays):
             own = self.delays == delay
             elapsed = time - delay
-            after, at = elapsed > tolerance, np.abs(elapsed) <= tolerance
+            after, at = elapsed > _ROUNDING * delay, np.abs(elapsed) <= _ROUNDING * delay
             for c, power in zip(self.coefficients[own], self.powers[own], strict=True):
                 total[after] += c * _power_law(elapsed[after], power) * np.exp(-self.rate * elapsed[after])
             total[at] += _right_limit(self.coefficients[own], self.powers[own])

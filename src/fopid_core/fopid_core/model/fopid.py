@@ -6,9 +6,10 @@ import math
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fopid_core.errors import InputError
+from fopid_core.model.arrays import Complexes
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 
 ORDER_RANGE = (0.0, 2.0)
@@ -50,17 +51,19 @@ class Fopid:
             if not low <= getattr(self, name) <= high:
                 raise InputError(f"{name} = {getattr(self, name)}; allowed: {low:g} to {high:g}")
 
-    def __call__(self, s: ArrayLike) -> NDArray[np.complex128]:
+    def __call__(self, s: ArrayLike) -> Complexes:
         """C(s) at every element of ``s`` (complex, principal branch, none of them zero)."""
-        log_s = np.log(np.asarray(s, dtype=np.complex128))
-        return self.kp + self.ki * np.exp(-self.lam * log_s) + self.kd * np.exp(self.mu * log_s)
+        log_s: Complexes = np.log(np.asarray(s, dtype=np.complex128))
+        value: Complexes = self.kp + self.ki * np.exp(-self.lam * log_s) + self.kd * np.exp(self.mu * log_s)
+        return value
 
-    def derivative(self, s: ArrayLike) -> NDArray[np.complex128]:
+    def derivative(self, s: ArrayLike) -> Complexes:
         """dC/ds at every element of ``s``."""
         s = np.asarray(s, dtype=np.complex128)
         log_s = np.log(s)
         slope = -self.lam * self.ki * np.exp(-self.lam * log_s) + self.mu * self.kd * np.exp(self.mu * log_s)
-        return slope / s
+        derivative: Complexes = slope / s
+        return derivative
 
     @property
     def integral_order(self) -> float:

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fopid_core.errors import InputError
+from fopid_core.model.arrays import Floats
 
 INDEX_NAMES = ("iae", "ise", "itae", "itse", "istes", "istse")
 
@@ -20,7 +21,7 @@ class Indices:
     Attributes
     ----------
     iae, ise, itae, itse, istes, istse : float
-        Integrals of \\|e\\|, e^2, t\\|e\\|, t e^2, (t^2 e)^2 and t^2 e^2: eqs. (24) to (29).
+        Integrals of abs(e), e^2, t abs(e), t e^2, (t^2 e)^2 and t^2 e^2: eqs. (24) to (29).
     """
 
     iae: float
@@ -120,7 +121,7 @@ def settling_time(time: ArrayLike, output: ArrayLike, setpoint: float = 1.0, ban
 
 def total_variation(signal: ArrayLike) -> float:
     """The sum of all rises and falls of a sampled signal; infinite when a sample is."""
-    values: NDArray[np.float64] = np.asarray(signal, dtype=float)
+    values: Floats = np.asarray(signal, dtype=float)
     if not np.all(np.isfinite(values)):
         return float("inf")
     return float(np.sum(np.abs(np.diff(values))))

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fopid_core.model.arrays import Complexes
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
 from fopid_core.model.quasipolynomial import QuasiPolynomial
-
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -31,29 +30,36 @@ class Loop:
     process: Process
     controller: Fopid
 
-    def __call__(self, s: ArrayLike) -> Complex:
+    def __call__(self, s: ArrayLike) -> Complexes:
         """L(s) = C(s) P(s)."""
         return self.controller(s) * self.process(s)
 
-    def sensitivity(self, s: ArrayLike) -> Complex:
+    def sensitivity(self, s: ArrayLike) -> Complexes:
         """S(s) = 1 / (1 + L(s)), from the setpoint to the error."""
         numerator, denominator = self.process.numerator(s), self.process.denominator(s)
-        return denominator / (denominator + self.controller(s) * numerator)
+        with np.errstate(divide="ignore", invalid="ignore"):  # a pole on the axis: infinite
+            return denominator / (denominator + self.controller(s) * numerator)
 
-    def complementary_sensitivity(self, s: ArrayLike) -> Complex:
+    def complementary_sensitivity(self, s: ArrayLike) -> Complexes:
         """T(s) = L(s) / (1 + L(s)), from the setpoint to the output."""
         forward = self.controller(s) * self.process.numerator(s)
-        return forward / (self.process.denominator(s) + forward)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return forward / (self.process.denominator(s) + forward)
 
-    def logarithmic_derivative(self, s: ArrayLike) -> Complex:
+    def logarithmic_derivative(self, s: ArrayLike) -> Complexes:
         """L'(s) / L(s); on s = jw its real part is d arg L / dw, eq. (3) of the paper."""
         controller = self.controller
         return controller.derivative(s) / controller(s) + self.process.logarithmic_derivative(s)
 
     @cached_property
     def forward(self) -> QuasiPolynomial:
-        """The numerator of L(s) over ``s**lam`` times the process's denominator."""
+        """The numerator of L(s) over ``opened``."""
         return self.controller.numerator * self.process.numerator
+
+    @cached_property
+    def opened(self) -> QuasiPolynomial:
+        """The denominator of L(s): the process's, times ``s**lam`` where there is integral action."""
+        return self.process.denominator.shifted(self.controller.integral_order)
 
     @cached_property
     def characteristic(self) -> QuasiPolynomial:
@@ -61,4 +67,4 @@ class Loop:
 
         Nothing is cancelled in it, so that a cancelled unstable pole still shows.
         """
-        return self.process.denominator.shifted(self.controller.integral_order) + self.forward
+        return self.opened + self.forward

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fopid_core.model.arrays import Complexes, Floats
+from fopid_core.model.asymptotics import leading_term
 from fopid_core.model.loop import Loop
+from fopid_core.model.quasipolynomial import QuasiPolynomial
 from fopid_core.model.winding import right_half_plane_zeros
+
+Curve = Callable[[Floats], Floats]
+
+_LOG_STEP = 0.04  # 58 points a decade, more where a zero of 1 + L, or a pole or zero of L, is near the axis
+_TURN_STEP = 0.1  # rad of the delay's phase between points
+_MOST_TURN_POINTS = 40_000
+_LEVEL = 1e-12  # an angle to the real axis that is rounding
 
 
 @dataclass(frozen=True)
@@ -19,7 +29,7 @@ class Margins:
     Attributes
     ----------
     phase_margin : float
-        Angle [rad] from -1 to L(jw) where \\|L\\| = 1, in (-pi, pi]; of several the smallest in absolute value,
+        Angle [rad] from -1 to L(jw) where abs(L) = 1, in (-pi, pi]; of several the smallest in absolute value,
         infinite without a crossover.
     crossover : float
         Where it was taken [rad/s]; NaN without a crossover.
@@ -31,10 +41,10 @@ class Margins:
     delay_margin : float
         The additional delay [s] that takes L(jw) through -1.
     jitter_margin : float
-        The largest varying additional delay [s] for which \\|T(jw)\\| w < 1 / jitter_margin still proves a stable loop
+        The largest varying additional delay [s] for which w abs(T(jw)) < 1 / jitter_margin still proves a stable loop
         stable (Kao and Lincoln 2004).
     ms, ms_frequency, mt, mt_frequency : float
-        Largest \\|S(jw)\\| and \\|T(jw)\\| and where [rad/s]; 0 or infinity when it is the limit there.
+        Largest abs(S(jw)) and abs(T(jw)) and where [rad/s]; 0 or infinity when it is the limit there.
     phase_slope : float
         d arg L / dw at the crossover [rad/(rad/s)], eq. (3) of the paper.
     crossovers, phase_crossovers : tuple of float
@@ -57,70 +67,155 @@ class Margins:
 
 
 def margins(loop: Loop) -> Margins:
-    """Margins of a loop. FIRST VERSION: interface is final."""
-    z = _grid(loop)
-    w = np.exp(z)
-    gain, angle = _polar(loop, w)
-    crossovers = [_root(loop, z[i], z[i + 1], 0) for i in np.flatnonzero(np.sign(gain[1:]) != np.sign(gain[:-1]))]
-    turned = np.sin(angle)
-    near = np.cos(angle) < 0
-    changes = (np.sign(turned[1:]) != np.sign(turned[:-1])) & near[1:] & near[:-1]
-    phase_crossovers = [_root(loop, z[i], z[i + 1], 1) for i in np.flatnonzero(changes)]
-    wc = np.array(crossovers)
-    pm, cross, delay, slope = math.inf, math.nan, math.inf, math.nan
-    if wc.size:
-        values = loop(1j * wc)
-        pms = np.angle(-values)
-        i = int(np.argmin(np.abs(pms)))
-        pm, cross = float(pms[i]), float(wc[i])
-        delay = float(np.min(np.mod(pms, 2 * np.pi) / wc))
-        slope = float(loop.logarithmic_derivative(1j * cross).real)
-    gm, pc = math.inf, math.nan
-    if phase_crossovers:
-        wp = np.array(phase_crossovers)
-        gains = 1.0 / np.abs(loop(1j * wp))
-        i = int(np.argmin(np.abs(np.log(gains))))
-        gm, pc = float(gains[i]), float(wp[i])
-    s_abs, t_abs = np.abs(loop.sensitivity(1j * w)), np.abs(loop.complementary_sensitivity(1j * w))
-    ms, msw = _peak(lambda x: float(np.abs(loop.sensitivity(1j * math.exp(x)))), z, s_abs)
-    mt, mtw = _peak(lambda x: float(np.abs(loop.complementary_sensitivity(1j * math.exp(x)))), z, t_abs)
-    jitter = float(1.0 / np.max(w * t_abs))
-    return Margins(pm, cross, gm, pc, delay, jitter, ms, msw, mt, mtw, slope, tuple(crossovers), tuple(phase_crossovers))
+    """Margins of a loop.
+
+    The gain and phase margins describe the curve whether or not the loop is stable; ask ``stability`` which. The delay
+    and jitter margins of a loop that is not stable are 0. Phase crossovers are listed up to two turns of the delay past
+    the frequency above which abs(L) stays below 1.
+
+    Examples
+    --------
+    >>> import math
+    >>> from fopid_core.model.fopid import Fopid
+    >>> from fopid_core.model.process import Process
+    >>> found = margins(Loop(Process.parse("1/(s+1)^3"), Fopid(kp=2.0)))
+    >>> round(found.gain_margin, 9), round(math.degrees(found.phase_margin), 2)
+    (4.0, 67.6)
+    """
+    if loop.forward.is_zero:
+        return _without_feedback(loop)
+    z, stable = _grid(loop)
+    response = loop(1j * np.exp(z))
+    crossovers = _crossings(lambda x: np.log(np.abs(loop(1j * np.exp(x)))), z, np.log(np.abs(response)))
+    phase_margin, crossover, delay_margin, slope = _phase_margin(loop, crossovers)
+    phase_crossovers = _phase_crossings(loop, z, response)
+    gain_margin, phase_crossover = _gain_margin(loop, phase_crossovers)
+    opened, closed = loop.opened, loop.characteristic
+    ms, ms_frequency = _peak(_sensitivity(loop), z, _limits(opened, closed))
+    mt, mt_frequency = _peak(_complementary(loop), z, _limits(loop.forward, closed))
+    largest, _ = _peak(_weighted(loop), z, _limits(loop.forward.shifted(1.0), closed))
+    tolerant = stable and _limits(loop.forward, opened)[1] < 1.0
+    return Margins(
+        phase_margin, crossover, gain_margin, phase_crossover,
+        delay_margin if tolerant else 0.0, 1.0 / largest if stable else 0.0,
+        ms, ms_frequency, mt, mt_frequency, slope, tuple(crossovers.tolist()), tuple(phase_crossovers.tolist()),
+    )  # fmt: skip
 
 
-def _grid(loop: Loop) -> NDArray[np.float64]:
-    zeros = right_half_plane_zeros(loop.characteristic)
-    own = right_half_plane_zeros(loop.process.denominator)
-    low = max(min(zeros.log_frequency[0], own.log_frequency[0]), -40.0) - 3.0
-    high = min(max(zeros.log_frequency[-1], own.log_frequency[-1]), 40.0) + 5.0
-    grids = [np.linspace(low, high, 1500), zeros.log_frequency, own.log_frequency]
-    if loop.process.delay:
-        top = min(np.exp(high), 1000.0 / loop.process.delay)
-        grids.append(np.log(np.linspace(0.05, top * loop.process.delay, 2000) / loop.process.delay))
-    z = np.unique(np.concatenate(grids))
-    return z[(z >= low) & (z <= high)]
+def _without_feedback(loop: Loop) -> Margins:
+    delay = math.inf if right_half_plane_zeros(loop.characteristic).count[0] == 0 else 0.0
+    inf, nan = math.inf, math.nan
+    return Margins(inf, nan, inf, nan, delay, delay, 1.0, 0.0, 0.0, 0.0, nan, (), ())
 
 
-def _polar(loop: Loop, w: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    value = loop(1j * w)
-    return np.log(np.abs(value)), np.angle(value)
+def _sensitivity(loop: Loop) -> Curve:
+    return lambda z: np.abs(loop.sensitivity(1j * np.exp(z)))
 
 
-def _root(loop: Loop, a: float, b: float, part: int) -> float:
-    from scipy.optimize import brentq
-
-    def f(z: float) -> float:
-        value = complex(loop(1j * math.exp(z)))
-        return math.log(abs(value)) if part == 0 else value.imag / abs(value)
-
-    return math.exp(brentq(f, a, b, xtol=1e-13))
+def _complementary(loop: Loop) -> Curve:
+    return lambda z: np.abs(loop.complementary_sensitivity(1j * np.exp(z)))
 
 
-def _peak(f, z, values) -> tuple[float, float]:  # type: ignore[no-untyped-def]
+def _weighted(loop: Loop) -> Curve:
+    return lambda z: np.exp(z) * np.abs(loop.complementary_sensitivity(1j * np.exp(z)))
+
+
+def _grid(loop: Loop) -> tuple[Floats, bool]:
+    """The grid ln w over all that happens in the loop, and whether it is stable."""
+    closed, *others = (right_half_plane_zeros(f) for f in (loop.characteristic, loop.process.denominator, loop.forward))
+    dense = np.concatenate([closed.log_frequency, *(zeros.log_frequency for zeros in others)])
+    low, high = dense.min() - 1.0, dense.max() + 1.0
+    parts = [dense]
+    delay = max(t.delay for t in loop.characteristic.terms)
+    if delay:
+        last_turn = math.exp(closed.log_frequency[-1]) * delay + 4.0 * math.pi
+        turns = np.linspace(_TURN_STEP, last_turn, min(math.ceil(last_turn / _TURN_STEP), _MOST_TURN_POINTS))
+        parts.append(np.log(turns / delay))
+        high = max(high, float(parts[-1][-1]))
+    parts.append(np.linspace(low, high, math.ceil((high - low) / _LOG_STEP) + 1))
+    stable = bool(closed.decided[0]) and closed.count[0] == 0 and loop.characteristic.lowest_order == 0.0
+    return np.unique(np.concatenate(parts)), stable
+
+
+def _crossings(curve: Curve, z: Floats, values: Floats) -> Floats:
+    """Frequencies [rad/s] at which a curve over ln w goes through zero."""
+    sign = np.sign(values)
+    after = np.flatnonzero(sign[1:] * sign[:-1] < 0.0)
+    exact = z[sign == 0.0]
+    frequencies: Floats = np.exp(np.sort(np.concatenate((exact, _roots(curve, z[after], z[after + 1])))))
+    return frequencies
+
+
+def _roots(curve: Curve, left: Floats, right: Floats) -> Floats:
+    from scipy.optimize.elementwise import find_root
+
+    if left.size == 0:
+        return left
+    found: Floats = find_root(curve, (left, right), tolerances={"xatol": 1e-14, "xrtol": 1e-14}).x
+    return found
+
+
+def _phase_margin(loop: Loop, crossovers: Floats) -> tuple[float, float, float, float]:
+    """Phase margin, its crossover, delay margin and slope of the phase there."""
+    if crossovers.size == 0:
+        return math.inf, math.nan, math.inf, math.nan
+    angles = np.angle(-loop(1j * crossovers))
+    nearest = int(np.argmin(np.abs(angles)))
+    slope = loop.logarithmic_derivative(1j * crossovers[nearest]).real
+    delays = np.mod(angles, 2.0 * np.pi) / crossovers
+    return float(angles[nearest]), float(crossovers[nearest]), float(delays.min()), float(slope)
+
+
+def _phase_crossings(loop: Loop, z: Floats, response: Complexes) -> Floats:
+    """Frequencies [rad/s] at which L(jw) crosses the negative real axis."""
+    sine = response.imag / np.abs(response)
+    on_axis = np.abs(sine) < _LEVEL
+    z, response, sine = z[~on_axis], response[~on_axis], sine[~on_axis]
+    left_half = np.flatnonzero((response.real[1:] < 0.0) & (response.real[:-1] < 0.0) & (sine[1:] * sine[:-1] < 0.0))
+
+    def curve(x: Floats) -> Floats:
+        value = loop(1j * np.exp(x))
+        share: Floats = value.imag / np.abs(value)
+        return share
+
+    return np.exp(_roots(curve, z[left_half], z[left_half + 1]))
+
+
+def _gain_margin(loop: Loop, phase_crossovers: Floats) -> tuple[float, float]:
+    if phase_crossovers.size == 0:
+        return math.inf, math.nan
+    factors = 1.0 / np.abs(loop(1j * phase_crossovers))
+    nearest = int(np.argmin(np.abs(np.log(factors))))
+    return float(factors[nearest]), float(phase_crossovers[nearest])
+
+
+def _peak(curve: Curve, z: Floats, limits: tuple[float, float]) -> tuple[float, float]:
+    """Largest value of a curve over ln w and its frequency [rad/s], the limits at 0 and infinity included."""
     from scipy.optimize import minimize_scalar
 
-    i = int(np.argmax(values))
-    if i in (0, len(z) - 1):
-        return float(values[i]), float(0.0 if i == 0 else np.inf)
-    r = minimize_scalar(lambda x: -f(x), bounds=(z[i - 1], z[i + 1]), method="bounded", options={"xatol": 1e-10})
-    return float(-r.fun), math.exp(r.x)
+    values = curve(z)
+    i = int(np.clip(np.argmax(values), 1, z.size - 2))
+    found = minimize_scalar(
+        lambda x: -float(curve(np.array(x))), bounds=(z[i - 1], z[i + 1]), method="bounded", options={"xatol": 1e-9}
+    )
+    inner = max((float(-found.fun), math.exp(found.x)), (float(values[i]), math.exp(z[i])))
+    return max((inner, (limits[0], 0.0), (limits[1], math.inf)), key=lambda peak: peak[0])
+
+
+def _limits(numerator: QuasiPolynomial, denominator: QuasiPolynomial) -> tuple[float, float]:
+    """Abs(numerator / denominator) at s = 0 and at s = infinity, there the largest that the delays let it be."""
+    low_n, low_d = numerator.lowest_order, denominator.lowest_order
+    zero = abs(_sum_at(numerator, low_n) / _sum_at(denominator, low_d)) * _power_at_zero(low_n - low_d)
+    lead = leading_term(denominator)
+    level = [abs(t.coefficient) for t in denominator.terms if t.order == lead.order and t != lead]
+    room = abs(lead.coefficient) - sum(level)
+    top = sum(abs(t.coefficient) for t in numerator.terms if t.order == numerator.degree)
+    return zero, (top / room if room > 0.0 else math.inf) * _power_at_zero(lead.order - numerator.degree)
+
+
+def _sum_at(function: QuasiPolynomial, order: float) -> float:
+    return sum(t.coefficient for t in function.terms if t.order == order)
+
+
+def _power_at_zero(order: float) -> float:
+    return 0.0 if order > 0.0 else 1.0 if order == 0.0 else math.inf

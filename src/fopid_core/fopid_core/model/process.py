@@ -8,9 +8,10 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fopid_core.errors import ExpressionError, InputError
+from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.expression import read_quotient
 from fopid_core.model.quasipolynomial import QuasiPolynomial, number_text
 
@@ -51,22 +52,20 @@ class Process:
     def __post_init__(self) -> None:
         if self.denominator.is_zero:
             raise InputError("process with the denominator 0; allowed: any other denominator")
-        shift = min(self.denominator.lowest_order, self._numerator_or_denominator.lowest_order)
+        if self.numerator.is_zero:
+            raise InputError("process with the numerator 0; allowed: a process that answers its input")
+        shift = min(self.denominator.lowest_order, self.numerator.lowest_order)
         delay = self.denominator.lowest_delay
         if shift or delay:
             object.__setattr__(self, "numerator", self.numerator.shifted(-shift, -delay))
             object.__setattr__(self, "denominator", self.denominator.shifted(-shift, -delay))
         self._check_causal()
 
-    @property
-    def _numerator_or_denominator(self) -> QuasiPolynomial:
-        return self.denominator if self.numerator.is_zero else self.numerator
-
     def _check_causal(self) -> None:
         for part in (self.numerator, self.denominator):
             if any(not math.isfinite(x) for t in part.terms for x in (t.coefficient, t.order, t.delay)):
                 raise InputError(f"process {self} has a number that is not finite; allowed: finite numbers")
-        if not self.numerator.is_zero and self.numerator.lowest_delay < 0:
+        if self.numerator.lowest_delay < 0:
             raise InputError(f"process {self} looks into the future; allowed: delays >= 0")
         degree = self.denominator.degree
         for term in self.numerator.terms:
@@ -95,29 +94,29 @@ class Process:
         except InputError as error:
             raise ExpressionError(text, 0, str(error)) from None
 
-    def __call__(self, s: ArrayLike) -> NDArray[np.complex128]:
+    def __call__(self, s: ArrayLike) -> Complexes:
         """P(s) at every element of ``s``."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.numerator(s) / self.denominator(s)
 
-    def logarithmic_derivative(self, s: ArrayLike) -> NDArray[np.complex128]:
+    def logarithmic_derivative(self, s: ArrayLike) -> Complexes:
         """P'(s) / P(s) at every element of ``s``; what phase slopes are made of."""
         return self.numerator.derivative(s) / self.numerator(s) - self.denominator.derivative(s) / self.denominator(s)
 
     @cached_property
     def delay(self) -> float:
         """The time before the output answers the input at all [s]."""
-        return 0.0 if self.numerator.is_zero else self.numerator.lowest_delay
+        return self.numerator.lowest_delay
 
     @property
     def relative_degree(self) -> float:
         """Order of the denominator less order of the numerator."""
-        return self.denominator.degree - self._numerator_or_denominator.degree
+        return self.denominator.degree - self.numerator.degree
 
     @property
     def integrating_order(self) -> float:
         """The power of 1/s in the process: 0 for a process that settles."""
-        return self.denominator.lowest_order if not self.numerator.is_zero else 0.0
+        return self.denominator.lowest_order
 
     @property
     def is_rational(self) -> bool:
@@ -132,13 +131,11 @@ class Process:
     @property
     def steady_state_gain(self) -> float:
         """P(0): infinite for an integrating process."""
-        if self.numerator.is_zero:
-            return 0.0
         if self.integrating_order > 0:
             return math.inf
         return float(self(0.0).real)
 
-    def polynomials(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    def polynomials(self) -> tuple[Floats, Floats, float]:
         """Numerator and denominator coefficients (highest power first) and the delay [s].
 
         Raises
@@ -162,27 +159,41 @@ class Process:
         """The process times a constant."""
         return Process(self.numerator.scaled(gain), self.denominator)
 
-    def __mul__(self, other: Process) -> Process:
-        """Series connection."""
+    def __mul__(self, other: Process | float) -> Process:
+        """Series connection, or a gain."""
+        other = _process(other)
         return Process(self.numerator * other.numerator, self.denominator * other.denominator)
 
-    def __add__(self, other: Process) -> Process:
-        """Parallel connection."""
+    __rmul__ = __mul__
+
+    def __add__(self, other: Process | float) -> Process:
+        """Parallel connection, or a direct path."""
+        other = _process(other)
         if self.denominator == other.denominator:
             return Process(self.numerator + other.numerator, self.denominator)
         cross = self.numerator * other.denominator + other.numerator * self.denominator
         return Process(cross, self.denominator * other.denominator)
 
+    __radd__ = __add__
+
     def __neg__(self) -> Process:
         return self.scaled(-1.0)
 
-    def __sub__(self, other: Process) -> Process:
-        return self + (-other)
+    def __sub__(self, other: Process | float) -> Process:
+        return self + (-_process(other))
 
-    def feedback(self, other: Process | None = None) -> Process:
-        """Negative feedback P / (1 + P H), with H = 1 when ``other`` is not given."""
-        if other is None:
-            return Process(self.numerator, self.denominator + self.numerator)
+    def __rsub__(self, other: float) -> Process:
+        return _process(other) - self
+
+    def feedback(self, other: Process | float = 1.0) -> Process:
+        """Negative feedback P / (1 + P H).
+
+        Examples
+        --------
+        >>> str(Process.parse("1/s").feedback(2.0))
+        '1/(s + 2)'
+        """
+        other = _process(other)
         return Process(
             self.numerator * other.denominator,
             self.denominator * other.denominator + self.numerator * other.numerator,
@@ -191,11 +202,17 @@ class Process:
     def __str__(self) -> str:
         """The process as text that ``parse`` reads back."""
         delay = self.delay
-        numerator = str(self.numerator.shifted(delay=-delay)) if not self.numerator.is_zero else "0"
+        numerator = str(self.numerator.shifted(delay=-delay))
         if len(self.numerator.terms) > 1:
             numerator = f"({numerator})"
         body = numerator if str(self.denominator) == "1" else f"{numerator}/({self.denominator})"
         return f"{body} * exp(-{number_text(delay)}s)" if delay else body
+
+
+def _process(value: Process | float) -> Process:
+    if isinstance(value, Process):
+        return value
+    return Process(QuasiPolynomial.constant(value), QuasiPolynomial.constant(1.0))
 
 
 def read_process(source: str) -> Process:

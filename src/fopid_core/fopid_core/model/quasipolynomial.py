@@ -11,11 +11,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from fopid_core.model.arrays import Complexes, Floats
 
 _ORDER_DIGITS = 12  # orders (and delays) closer than 1e-12 are the same: sums of decimals are not exact
-
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, order=True)
@@ -98,7 +98,7 @@ class QuasiPolynomial:
         """The product with ``s**order * exp(-delay * s)``; either may be negative."""
         return QuasiPolynomial.of(Term(t.order + order, t.delay + delay, t.coefficient) for t in self.terms)
 
-    def __call__(self, s: ArrayLike) -> Complex:
+    def __call__(self, s: ArrayLike) -> Complexes:
         """The value at every element of ``s`` (complex, principal branch of the powers)."""
         s = np.asarray(s, dtype=np.complex128)
         with np.errstate(divide="ignore"):
@@ -108,7 +108,7 @@ class QuasiPolynomial:
             total = total + term.coefficient * _power(s, log_s, term.order) * _lag(s, term.delay)
         return total
 
-    def derivative(self, s: ArrayLike) -> Complex:
+    def derivative(self, s: ArrayLike) -> Complexes:
         """The derivative with respect to s, at every element of ``s`` (none of them zero)."""
         s = np.asarray(s, dtype=np.complex128)
         log_s = np.log(s)
@@ -148,7 +148,7 @@ class QuasiPolynomial:
         """Whether all terms carry the same delay."""
         return len({t.delay for t in self.terms}) <= 1
 
-    def coefficients(self) -> NDArray[np.float64]:
+    def coefficients(self) -> Floats:
         """Coefficients of the ordinary polynomial, highest power first (delays are left out).
 
         Raises
@@ -172,7 +172,7 @@ class QuasiPolynomial:
         return text
 
 
-def _power(s: Complex, log_s: Complex, order: float) -> Complex:
+def _power(s: Complexes, log_s: Complexes, order: float) -> Complexes:
     if order == 0.0:
         return np.ones_like(s)
     if order.is_integer():
@@ -180,7 +180,7 @@ def _power(s: Complex, log_s: Complex, order: float) -> Complex:
     return np.exp(order * log_s)
 
 
-def _lag(s: Complex, delay: float) -> Complex | float:
+def _lag(s: Complexes, delay: float) -> Complexes | float:
     return np.exp(-delay * s) if delay else 1.0
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fopid_core.errors import InputError
-from fopid_core.model.fopid import Fopid
+from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
@@ -48,11 +48,12 @@ def stability(loop: Loop) -> Stability:
     """Whether the loop is stable, by the argument principle on its characteristic quasi-polynomial.
 
     Counts what is unstable inside as well: a pole that the controller cancels still counts.
-    A neutral loop (delay, and a loop gain that does not vanish at high frequency) counts as stable only when it stays so
-    under small changes of its delays.
+    A neutral loop (delay, and a loop gain that does not vanish at high frequency) counts as stable only when
+    it stays so under small changes of its delays.
 
     Examples
     --------
+    >>> from fopid_core.model.fopid import Fopid
     >>> verdict = stability(Loop(Process.parse("1/(s-1)"), Fopid(kp=2.0)))
     >>> verdict.stable, verdict.unstable_poles
     (True, 0)
@@ -95,7 +96,7 @@ def _vanishes_at_origin(function: QuasiPolynomial) -> bool:
     return sum(constants) == 0.0
 
 
-def stable_mask(process: Process, gains: ArrayLike) -> NDArray[np.bool_]:
+def stable_mask(process: Process, gains: ArrayLike) -> Booleans:
     """Which of many controllers keep the loop stable.
 
     Parameters
@@ -124,20 +125,18 @@ def stable_mask(process: Process, gains: ArrayLike) -> NDArray[np.bool_]:
     return stable
 
 
-def _stable_chunk(process: Process, rows: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _stable_chunk(process: Process, rows: Floats) -> Booleans:
     zeros = count_zeros(*_characteristic_terms(process, rows), _MOST_INTERVALS_EACH)
-    stable: NDArray[np.bool_] = zeros.decided & (zeros.count == 0)
+    stable: Booleans = zeros.decided & (zeros.count == 0)
     return stable
 
 
-def _characteristic_terms(
-    process: Process, rows: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _characteristic_terms(process: Process, rows: Floats) -> tuple[Floats, Floats, Floats]:
     """Coefficients (n, k), orders (n, k) and delays (k,) of ``s^lam D(s) + (kp s^lam + ki + kd s^(lam+mu)) N(s)``."""
     kp, ki, kd, lam, mu = rows.T
     lam = np.where(ki != 0.0, lam, 0.0)
     none = np.zeros_like(kp)
-    factors: list[tuple[tuple[Term, ...], NDArray[np.float64], NDArray[np.float64]]] = [
+    factors: list[tuple[tuple[Term, ...], Floats, Floats]] = [
         (process.denominator.terms, none + 1.0, lam),
         (process.numerator.terms, kp, lam),
         (process.numerator.terms, ki, none),

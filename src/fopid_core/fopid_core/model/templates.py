@@ -64,9 +64,7 @@ TEMPLATES = {
     for template in (
         Template("foptd", "FOPTD", ("K", "T", "L"), lambda p: _sum((p["T"], 1), (1, 0))),
         Template("soptd", "SOPTD", ("K", "a1", "a0", "L"), lambda p: _sum((1, 2), (p["a1"], 1), (p["a0"], 0))),
-        Template(
-            "nioptd1", "NIOPTD-I", ("K", "T", "alpha", "L"), lambda p: _sum((p["T"], p["alpha"]), (1, 0))
-        ),
+        Template("nioptd1", "NIOPTD-I", ("K", "T", "alpha", "L"), lambda p: _sum((p["T"], p["alpha"]), (1, 0))),
         Template(
             "nioptd2",
             "NIOPTD-II",

@@ -15,10 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fopid_core.model.arrays import Booleans, Complexes, Floats, Indexes
 from fopid_core.model.quasipolynomial import QuasiPolynomial
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 BORDER = 1e-9  # a zero that so small a relative change of the coefficients puts on the axis is too close to call
 _SAME_ORDER = 1e-11
@@ -40,7 +38,7 @@ class Zeros:
         Zeros with positive real part, where ``decided``; -1 elsewhere.
     margin : ndarray of float, shape (n,)
         The smallest relative change of the coefficients that puts a zero on the imaginary axis: the
-        minimum of \\|f(jw)\\| / sum of \\|terms\\| over the grid.
+        minimum, over the grid, of abs(f(jw)) over the sum of the terms' absolute values.
     decided : ndarray of bool, shape (n,)
         Whether the count is certain.
     neutral_gain : ndarray of float, shape (n,)
@@ -52,7 +50,7 @@ class Zeros:
 
     count: NDArray[np.int64]
     margin: Floats
-    decided: NDArray[np.bool_]
+    decided: Booleans
     neutral_gain: Floats
     log_frequency: Floats
 
@@ -60,11 +58,10 @@ class Zeros:
 def right_half_plane_zeros(function: QuasiPolynomial) -> Zeros:
     """The zeros of one quasi-polynomial to the right of the imaginary axis; a power of s is left out.
 
-    Examples
+        Examples
     --------
-    >>> import numpy as np
     >>> int(right_half_plane_zeros(QuasiPolynomial.polynomial([1.0, -1.0, 2.0, 3.0])).count[0])
-    2
+        2
     """
     terms = function.terms
     return count_zeros(
@@ -74,9 +71,7 @@ def right_half_plane_zeros(function: QuasiPolynomial) -> Zeros:
     )
 
 
-def count_zeros(
-    coefficients: Floats, orders: Floats, delays: Floats, most_intervals: int = MOST_INTERVALS
-) -> Zeros:
+def count_zeros(coefficients: Floats, orders: Floats, delays: Floats, most_intervals: int = MOST_INTERVALS) -> Zeros:
     """Count the zeros of n quasi-polynomials of k terms each.
 
     Parameters
@@ -103,14 +98,14 @@ class _Family:
     log_size: Floats  # (n, k): ln |c|
     orders: Floats  # (n, k), lowest active order 0
     delays: Floats  # (k,), shortest delay 0
-    phasors: Complex  # (n, k): sign(c) j^q
+    phasors: Complexes  # (n, k): sign(c) j^q
     lowest: Floats  # (n,): the value at s = 0
     top_order: Floats  # (n,)
     top_sign: Floats  # (n,)
     neutral_gain: Floats  # (n,)
     start: Floats  # (n,): ln w below which the lowest term outweighs the rest
     end: Floats  # (n,): ln w above which the highest one does
-    well_posed: NDArray[np.bool_]  # (n,)
+    well_posed: Booleans  # (n,)
 
     @staticmethod
     def of(coefficients: Floats, orders: Floats, delays: Floats) -> _Family:
@@ -127,11 +122,9 @@ class _Family:
         phasors = np.sign(coefficients) * np.exp(0.5j * np.pi * np.where(active, orders, 0.0))
         orders = np.where(active, orders, 0.0)
         end = np.maximum(end, start + 1.0)
-        return _Family(
-            log_size, orders, delays, phasors, low, top_order, np.sign(top), gain, start, end, well_posed
-        )
+        return _Family(log_size, orders, delays, phasors, low, top_order, np.sign(top), gain, start, end, well_posed)
 
-    def values(self, owner: NDArray[np.intp], z: Floats) -> tuple[Floats, Floats, Complex]:
+    def values(self, owner: Indexes, z: Floats) -> tuple[Floats, Floats, Complexes]:
         """Shares of the terms (m, k), ln of their sum (m,) and the value over that sum (m,)."""
         log_terms = self.log_size[owner] + self.orders[owner] * z[:, None]
         largest = log_terms.max(axis=1)
@@ -145,7 +138,7 @@ class _Family:
 
 
 def _low_end(
-    coefficients: Floats, orders: Floats, delays: Floats, log_size: Floats, active: NDArray[np.bool_]
+    coefficients: Floats, orders: Floats, delays: Floats, log_size: Floats, active: Booleans
 ) -> tuple[Floats, Floats]:
     """The value at s = 0, and ln w below which it outweighs the change of the function."""
     constant = active & (orders <= _SAME_ORDER)
@@ -157,7 +150,7 @@ def _low_end(
 
 
 def _high_end(
-    coefficients: Floats, orders: Floats, delays: Floats, log_size: Floats, active: NDArray[np.bool_]
+    coefficients: Floats, orders: Floats, delays: Floats, log_size: Floats, active: Booleans
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Order and coefficient of the leading term, its neutral gain, and ln w above which it outweighs the rest."""
     undelayed = active & (delays == 0.0)
@@ -179,13 +172,13 @@ class _Points:
     z: Floats
     shares: Floats
     log_total: Floats
-    value: Complex
+    value: Complexes
 
     @staticmethod
-    def of(family: _Family, owner: NDArray[np.intp], z: Floats) -> _Points:
+    def of(family: _Family, owner: Indexes, z: Floats) -> _Points:
         return _Points(z, *family.values(owner, z))
 
-    def at(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> _Points:
+    def at(self, index: Indexes | Booleans) -> _Points:
         return _Points(self.z[index], self.shares[index], self.log_total[index], self.value[index])
 
     def joined(self, other: _Points) -> _Points:
@@ -197,7 +190,7 @@ class _Points:
         )
 
 
-def _follow(family: _Family, most_intervals: int) -> tuple[Floats, Floats, NDArray[np.bool_], Floats]:
+def _follow(family: _Family, most_intervals: int) -> tuple[Floats, Floats, Booleans, Floats]:
     """Phase from w = 0 to infinity, margin, certainty (all shape (n,)) and the points of the grids."""
     n = family.start.size
     owner, z = _first_grid(family)
@@ -225,7 +218,7 @@ def _follow(family: _Family, most_intervals: int) -> tuple[Floats, Floats, NDArr
     return phase, margin, ~hopeless, np.unique(np.concatenate(grids))
 
 
-def _first_grid(family: _Family) -> tuple[NDArray[np.intp], Floats]:
+def _first_grid(family: _Family) -> tuple[Indexes, Floats]:
     start = np.where(family.well_posed, family.start, 0.0)
     end = np.where(family.well_posed, family.end, 1.0)
     steps = np.clip(np.ceil((end - start) / _FIRST_STEP), _FEWEST_STEPS, _MOST_STEPS).astype(np.intp)
@@ -234,7 +227,7 @@ def _first_grid(family: _Family) -> tuple[NDArray[np.intp], Floats]:
     return owner, start[owner] + (end - start)[owner] * position / steps[owner]
 
 
-def _end_phases(family: _Family, points: _Points, owner: NDArray[np.intp]) -> Floats:
+def _end_phases(family: _Family, points: _Points, owner: Indexes) -> Floats:
     """The phase below the first and above the last point of each grid."""
     first = np.searchsorted(owner, np.arange(family.start.size))
     last = np.append(first[1:], owner.size) - 1
@@ -244,9 +237,7 @@ def _end_phases(family: _Family, points: _Points, owner: NDArray[np.intp]) -> Fl
     return phases
 
 
-def _certificate(
-    family: _Family, owner: NDArray[np.intp], left: _Points, right: _Points
-) -> tuple[NDArray[np.bool_], Floats]:
+def _certificate(family: _Family, owner: Indexes, left: _Points, right: _Points) -> tuple[Booleans, Floats]:
     """Whether the curve provably keeps away from zero in each interval, and the angle it then turns by."""
     step = right.z - left.z
     local_order = (right.log_total - left.log_total) / step

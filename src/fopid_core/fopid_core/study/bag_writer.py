@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from mcap.writer import CompressionType, Writer
 
@@ -67,7 +68,7 @@ class BagWriter:
             raise InputError(f"bag {str(folder)!r} exists already; allowed: a name that is free") from None
         self._path = folder / f"{folder.name}.mcap"
         self._file = self._path.open("xb")
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+        self._writer: Any = Writer(self._file, compression=CompressionType.ZSTD)  # its methods carry no types
         self._begin(topics)
 
     def _begin(self, topics: Sequence[Topic]) -> None:

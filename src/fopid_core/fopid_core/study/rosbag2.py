@@ -175,5 +175,3 @@ def read_custom_data(folder: Path) -> dict[str, str]:
         return dict(loaded["rosbag2_bagfile_information"]["custom_data"] or {})
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
         return {}
-
-

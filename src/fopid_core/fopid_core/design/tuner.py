@@ -1,0 +1,118 @@
+"""The one door to every tuning method: a request in, a result out that was verified on the process itself."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from fopid_core.design.frequency_proposal import propose_frequency
+from fopid_core.design.rules import propose_rule
+from fopid_core.design.specification import (
+    Achieved,
+    Bound,
+    Clock,
+    Progress,
+    Proposal,
+    TuningRequest,
+    TuningResult,
+)
+from fopid_core.design.time_proposal import propose_time
+from fopid_core.design.verification import achieved
+from fopid_core.model.loop import Loop
+from fopid_core.model.stability import stability
+
+__all__ = ["Achieved", "Bound", "TuningRequest", "TuningResult", "tune"]
+
+
+def tune(
+    request: TuningRequest, progress: Progress | None = None, clock: Clock = time.perf_counter
+) -> TuningResult:
+    """Choose the five numbers and verify the loop.
+
+    Parameters
+    ----------
+    request : TuningRequest
+    progress : callable, optional
+        Called with the share of the work done, 0 to 1, and what is being done.
+    clock : callable
+        Gives the time [s]; for ``elapsed`` and the timeout.
+
+    Returns
+    -------
+    TuningResult
+        ``success`` only when every specification is met and the loop with the process itself is stable for certain.
+
+    Raises
+    ------
+    InputError
+        If the request contradicts itself or the process cannot be tuned by this method.
+
+    Examples
+    --------
+    >>> from fopid_core.model.process import read_process
+    >>> result = tune(TuningRequest(read_process("P1"), phase_margin=1.2, crossover=0.5))
+    >>> result.success, round(result.achieved.crossover, 6)
+    (True, 0.5)
+    """
+    begun = clock()
+    report = progress or _silent
+    deadline = begun + (math.inf if request.timeout is None else request.timeout)
+    proposal = _METHODS[request.method](request, report, lambda: clock() >= deadline)
+    report(0.95, "verifying on the process itself")
+    result = _verified(request, proposal)
+    report(1.0, "done")
+    elapsed = clock() - begun
+    if clock() >= deadline:
+        late = f"stopped after {elapsed:.3g} s (timeout {request.timeout:g} s); {result.message}"
+        return replace(result, success=False, message=late, elapsed=elapsed)
+    return replace(result, elapsed=elapsed)
+
+
+_METHODS: dict[str, Callable[[TuningRequest, Progress, Callable[[], bool]], Proposal]] = {
+    "frequency": propose_frequency,
+    "time": propose_time,
+    "rule": propose_rule,
+}
+
+
+def _silent(share: float, what: str) -> None:
+    """Report to nobody."""
+
+
+def _verified(request: TuningRequest, proposal: Proposal) -> TuningResult:
+    failed = TuningResult(
+        success=False,
+        message=proposal.message,
+        method=request.method,
+        controller=None,
+        achieved=None,
+        stable=False,
+        unstable_poles=0,
+        unmet=proposal.unmet,
+        cost=proposal.cost,
+        evaluations=proposal.evaluations,
+        elapsed=0.0,
+    )
+    if proposal.controller is None:
+        return failed
+    loop = Loop(request.process, proposal.controller)
+    verdict = stability(loop)
+    found = replace(failed, stable=verdict.stable, unstable_poles=verdict.unstable_poles)
+    if not verdict.stable:
+        unmet = (*proposal.unmet, f"stability on the process itself: {verdict.reason}")
+        return replace(found, unmet=unmet, message=f"{proposal.message}; no design is handed out")
+    measured = achieved(loop, request.t_max, request.s_max)
+    unmet = proposal.unmet + _broken_on_process(request, proposal, measured)
+    return replace(found, success=not unmet, controller=proposal.controller, achieved=measured, unmet=unmet)
+
+
+def _broken_on_process(request: TuningRequest, proposal: Proposal, measured: Achieved) -> tuple[str, ...]:
+    """Bounds that hold on the reduced model a design was made on, but not on the process itself."""
+    broken = []
+    for function, bound, db in (("|T|", request.t_max, measured.t_db), ("|S|", request.s_max, measured.s_db)):
+        named = any(text.startswith(function) for text in proposal.unmet)
+        if bound is not None and db > bound.db + 1e-3 and not named:
+            broken.append(f"{function} <= {bound}: {db:.2f} dB on the process itself")
+    return tuple(broken)

@@ -1,0 +1,150 @@
+"""From transforms to signals: the inverse Laplace transform by inverse FFT.
+
+A transform sampled on the line s = a + jw is a Fourier series of exp(-a t) times its signal (Dubner and Abate 1968,
+Crump 1976). A horizon much longer than the signal is fast is cut into windows, each an eighth of the one before, so
+that the first instants are seen as sharply as the last. In each window the number of points is doubled until the
+signal no longer changes.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopid_core.errors import InputError
+from fopid_core.model.arrays import Complexes, Floats
+
+Transforms = Callable[[Complexes], Complexes]
+"""From points s, shape (m,), to the transforms of k signals there, shape (k, m)."""
+
+TOLERANCE = 1e-6  # two numbers of points must agree to this before either is believed
+_LEAK = 1e-9  # of the line itself and of rounding, whatever the number of points
+_DAMPING = 23.0  # exp(-23) = 1e-10: what one period of the Fourier series leaks into the next
+_WINDOW_RATIO = 8
+_MOST_WINDOWS = 16
+_FAST_INSTANTS = 20.0  # the first window is so many times 1 / rate long
+_FEWEST_POINTS, _MOST_POINTS = 1 << 11, 1 << 19
+_GROWTH_STEP, _MOST_GROWTH = 10.0, 600.0
+_GROWTH_AGREEMENT = 1e-4
+
+
+@dataclass(frozen=True)
+class Piece:
+    """k signals at evenly spaced instants of one window.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+    values : ndarray, shape (k, n)
+    accuracy : ndarray, shape (k,)
+        Estimated largest error, relative to the largest value where that is above 1.
+    """
+
+    time: Floats
+    values: Floats
+    accuracy: Floats
+
+
+def fastest_rate(horizon: float) -> float:
+    """The fastest rate [1/s] that the shortest window on this horizon resolves."""
+    return float(_FAST_INSTANTS * _WINDOW_RATIO**_MOST_WINDOWS / horizon)
+
+
+def invert(transforms: Transforms, horizon: float, rate: float, bounded: bool) -> tuple[Piece, ...]:
+    """Signals from their transforms.
+
+    Parameters
+    ----------
+    transforms : callable
+        Transforms of k signals that are smooth for t > 0.
+    horizon : float
+        Last instant [s].
+    rate : float
+        How fast the signals change at first [1/s].
+    bounded : bool
+        Whether the signals are known not to grow exponentially; otherwise their growth is found out.
+
+    Returns
+    -------
+    tuple of Piece
+        One a window, in the order of time, together from 0 to the horizon.
+
+    Examples
+    --------
+    >>> (piece,) = invert(lambda s: 1.0 / (s + 1.0)[None, :] ** 2, horizon=2.0, rate=1.0, bounded=True)
+    >>> round(float(piece.values[0, -1]), 6)  # t exp(-t)
+    0.270671
+    """
+    growth = 0.0 if bounded else _growth(transforms, horizon) / horizon
+    count = math.ceil(math.log(max(rate * horizon / _FAST_INSTANTS, 1.0), _WINDOW_RATIO))
+    edges = [0.0, *(horizon / _WINDOW_RATIO**k for k in range(min(count, _MOST_WINDOWS), -1, -1))]
+    return tuple(_window(transforms, first, last, growth) for first, last in itertools.pairwise(edges))
+
+
+def values_at(pieces: tuple[Piece, ...], time: Floats) -> Floats:
+    """All signals at any instants up to the horizon, shape (k, n)."""
+    from scipy.interpolate import CubicSpline
+
+    values = np.empty((pieces[0].values.shape[0], time.size))
+    home = np.searchsorted([piece.time[-1] for piece in pieces[:-1]], time)
+    for i, piece in enumerate(pieces):
+        values[:, home == i] = CubicSpline(piece.time, piece.values, axis=1)(time[home == i])
+    return values
+
+
+def _window(transforms: Transforms, first: float, last: float, growth: float) -> Piece:
+    number = _FEWEST_POINTS
+    coarse = _samples(transforms, last, number, growth)
+    while True:
+        number *= 2
+        fine = _samples(transforms, last, number, growth)
+        start = math.ceil(first / last * (number // 4))
+        gap = _gap(fine[:, ::2][:, start:], coarse[:, start:])
+        if gap.max() <= TOLERANCE or number >= _MOST_POINTS:
+            break
+        coarse = fine
+    kept = slice(start * 2 + (1 if first else 0), None)  # the window before ends with our first instant
+    return Piece(np.linspace(0.0, last, number // 2 + 1)[kept], fine[:, kept], np.maximum(gap, _LEAK))
+
+
+def _gap(fine: Floats, coarse: Floats) -> Floats:
+    largest = np.maximum(np.max(np.abs(fine), axis=1), 1.0)
+    gap: Floats = np.max(np.abs(fine - coarse), axis=1) / largest
+    return gap
+
+
+def _samples(transforms: Transforms, last: float, number: int, growth: float) -> Floats:
+    """The signals at number // 2 + 1 instants from 0 to ``last``; ``growth`` [1/s] moves the line to the right."""
+    period = 2.0 * last
+    line = _DAMPING / period + growth
+    s: Complexes = np.asarray(line + 2j * np.pi / period * np.arange(number // 2 + 1), dtype=np.complex128)
+    time = np.linspace(0.0, last, number // 2 + 1)
+    series = np.fft.irfft(transforms(s) * _taper(number // 2 + 1), axis=1)[:, : number // 2 + 1]
+    values: Floats = series * np.exp(line * time) * (number / period)
+    return values
+
+
+def _taper(size: int) -> Floats:
+    """One up to half the band, then down smoothly: what the window does not resolve stays where it is in time."""
+    from scipy.special import erfc
+
+    values: Floats = 0.5 * erfc(18.0 * (np.linspace(0.0, 1.0, size) - 0.75))
+    return values
+
+
+def _growth(transforms: Transforms, horizon: float) -> float:
+    """By how many e-folds the signals grow, from the first line that the next one to the right confirms."""
+    start = _FEWEST_POINTS // (2 * _WINDOW_RATIO)
+    here = _samples(transforms, horizon, _FEWEST_POINTS, 0.0)
+    for growth in np.arange(0.0, _MOST_GROWTH, _GROWTH_STEP):
+        following = _samples(transforms, horizon, _FEWEST_POINTS, (growth + _GROWTH_STEP) / horizon)
+        if _gap(following[:, start:], here[:, start:]).max() < _GROWTH_AGREEMENT:
+            return float(growth)
+        here = following
+    raise InputError(
+        f"horizon = {horizon:g} s: the loop is unstable and grows beyond all numbers; allowed: a shorter one"
+    )
