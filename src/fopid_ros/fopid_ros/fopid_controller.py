@@ -76,8 +76,11 @@ def controller_settings(values: dict[str, Any]) -> ControllerSettings:
 class ControllerNode(ManagedNode):
     """Subscribes setpoint, measurement, feedforward and manual_control; publishes control and ~/state."""
 
+    NAME = "fopid_controller"
+    SPECS = SPECS
+
     def __init__(self) -> None:
-        super().__init__("fopid_controller", SPECS)
+        super().__init__()
         values = self.values()
         self._controller = FopidController(controller_settings(values))
         self._controller.set_mode(values["mode"])

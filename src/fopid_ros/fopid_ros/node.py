@@ -6,7 +6,8 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar
 
 import rclpy
 from fopid_core.errors import InputError
@@ -60,12 +61,15 @@ def take_waiting(subscription: Subscription) -> None:
 class ManagedNode(LifecycleNode):
     """A lifecycle node whose parameters are a table and are checked as a whole.
 
-    Subclasses override ``check`` (would this set of values do?) and ``apply`` (it is in force now).
+    Subclasses name themselves and their parameters, and override ``check`` (would this set of values do?) and ``apply`` (it is in force now).
     """
 
-    def __init__(self, name: str, specs: Sequence[Spec], **kwargs: Any) -> None:
-        super().__init__(name, **kwargs)
-        self._specs = {spec.name: spec for spec in (*specs, AUTOSTART)}
+    NAME: ClassVar[str]
+    SPECS: ClassVar[tuple[Spec, ...]]
+
+    def __init__(self) -> None:
+        super().__init__(self.NAME)
+        self._specs = {spec.name: spec for spec in (*self.SPECS, AUTOSTART)}
         self._survive_wrong_transitions()
         try:
             declare(self, tuple(self._specs.values()))
@@ -137,6 +141,19 @@ class ManagedNode(LifecycleNode):
             self.get_logger().debug("already shut down")
 
 
+def usage(node_class: type[ManagedNode]) -> str:
+    """What ``--help`` prints: the parameters, their defaults and what they mean."""
+    lines = [
+        f"usage: {Path(sys.argv[0]).name} [--ros-args -p NAME:=VALUE ... --params-file FILE -r FROM:=TO ...]",
+        "",
+        str(node_class.__doc__).splitlines()[0],
+        "",
+        "parameters (default):",
+    ]
+    lines += [f"  {spec.name} ({spec.default})  {spec.description}" for spec in (*node_class.SPECS, AUTOSTART)]
+    return "\n".join(lines)
+
+
 class StopSignal:
     """Ctrl-C and termination as an event that threads can wait for."""
 
@@ -147,7 +164,7 @@ class StopSignal:
 
 
 def run(
-    make_node: Callable[[], ManagedNode],
+    node_class: type[ManagedNode],
     args: Sequence[str] | None = None,
     make_executor: Callable[[], Executor] = EventsExecutor,
 ) -> int:
@@ -155,10 +172,13 @@ def run(
 
     Bad input ends with one line on stderr and exit code 2.
     """
+    if "--help" in (sys.argv[1:] if args is None else args):
+        print(usage(node_class))
+        return 0
     stop = StopSignal()
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        node = make_node()
+        node = node_class()
     except (InputError, InvalidNodeNameException, InvalidNamespaceException, RCLError) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         rclpy.try_shutdown()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from typing import Any
 
 from fopid_core.model.process import read_process
@@ -41,6 +42,8 @@ SPECS = (
 
 RESEND_AFTER = 0.2  # wall time [s] without an answer in lockstep after which the measurement is sent again
 
+CLOCK_PERIOD = 0.01  # wall time [s] between two /clock messages while lockstep runs; at every stop there is one
+
 
 def _plant_settings(values: dict[str, Any]) -> PlantSettings:
     names = ("sample_time", "delay_model", "pade_order", "noise_std", "seed", "gain_factor", "initial_output")
@@ -50,8 +53,11 @@ def _plant_settings(values: dict[str, Any]) -> PlantSettings:
 class PlantSimulator(ManagedNode):
     """Subscribes control and disturbance, publishes measurement and, in lockstep, /clock."""
 
+    NAME = "plant_simulator"
+    SPECS = SPECS
+
     def __init__(self) -> None:
-        super().__init__("plant_simulator", SPECS)
+        super().__init__()
         values = self.values()
         self._plant = Plant(_plant_settings(values))
         self._lockstep = values["trigger"] == "lockstep"
@@ -78,6 +84,7 @@ class PlantSimulator(ManagedNode):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Advance, "~/advance", self._on_advance)
         self._clock = ClockMessage()
+        self._clock_published = 0.0
         owns_clock = self._lockstep and values["publish_clock"]
         self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 1) if owns_clock else None
 
@@ -140,10 +147,17 @@ class PlantSimulator(ManagedNode):
         self._plant.step(self._control, self._disturbance)
         self._sample += 1
         self._send()
-        if self._clock_publisher is not None:
-            stamp = self._clock.clock
-            stamp.sec, stamp.nanosec = divmod(self._sample * self._period_ns, 1_000_000_000)
-            self._clock_publisher.publish(self._clock)
+        self._publish_clock()
+
+    def _publish_clock(self) -> None:
+        """Often enough for people and timers, not at every sample: each reader pays for each message."""
+        now = time.monotonic()
+        if self._clock_publisher is None or (self._gate_open and now - self._clock_published < CLOCK_PERIOD):
+            return
+        self._clock_published = now
+        stamp = self._clock.clock
+        stamp.sec, stamp.nanosec = divmod(self._sample * self._period_ns, 1_000_000_000)
+        self._clock_publisher.publish(self._clock)
 
     def _go_on_until(self, until: float) -> None:
         was_open, self._until = self._gate_open, until

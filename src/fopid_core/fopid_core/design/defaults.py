@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fopid_core.errors import InputError
 from fopid_core.model.process import Process
+from fopid_core.model.stability import process_stability
 
 PHASE_MARGIN = math.radians(60.0)
 """The middle of the 45 to 75 degrees that textbooks recommend [rad]."""
@@ -22,31 +23,64 @@ U_MAX = 20.0
 _W = np.logspace(-7.0, 7.0, 1401)
 
 
+def gain_sign(process: Process) -> float:
+    """The sign the controller's gains must have: that of the process's gain where it is largest.
+
+    Examples
+    --------
+    >>> gain_sign(Process.parse("-2/(s+1)")), gain_sign(Process.parse("1/(s-1)")), gain_sign(Process.parse("(1-s)/(s+1)^2"))
+    (-1.0, 1.0, 1.0)
+    """
+    slow = not process_stability(process).unstable_poles
+    value = 1.0
+    for part, power in ((process.numerator, 1), (process.denominator, -1)):
+        order = part.lowest_order if slow else part.degree
+        value *= sum(term.coefficient for term in part.terms if term.order == order) ** power
+    return math.copysign(1.0, value)
+
+
 def natural_crossover(process: Process, phase_margin: float) -> float:
     """The frequency at which the process alone has the phase that the margin asks of the loop [rad/s].
 
     A process that never lags so far (a first-order lag) is taken where it has nine tenths of its own largest lag, one
-    with the same phase everywhere (an integrator) where its gain is 1.
+    with the same phase everywhere (an integrator) where its gain is 1, and one that begins with more lag (an unstable
+    one) in the middle of where it has less.
 
     Examples
     --------
     >>> round(natural_crossover(Process.parse("1/(s+1)^3"), math.radians(60.0)), 1)
     0.8
     """
-    lag, gain = lag_and_gain(process)
-    turning = np.ptp(lag) > math.radians(5.0)
-    if not turning:
+    lag, gain = _lag_and_gain(process)
+    wished = math.pi - phase_margin
+    if lag[0] > wished + 1e-6:
+        less = np.flatnonzero(lag < wished)
+        return float(np.exp(np.log(_W[less]).mean())) if len(less) else float(_W[np.argmin(lag)])
+    if np.ptp(lag) < math.radians(5.0):
         return float(_W[np.argmin(np.abs(np.log(gain)))])
-    wished = min(math.pi - phase_margin, lag[0] + 0.9 * (lag.max() - lag[0]))
-    reached = np.flatnonzero(lag >= wished)
-    return float(_W[reached[0]])
+    wished = min(wished, lag[0] + 0.9 * (lag.max() - lag[0]))
+    return float(_W[np.flatnonzero(lag >= wished)[0]])
 
 
-def lag_and_gain(process: Process) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Phase lag of the process (of positive gain) and its gain, where both are finite and not zero."""
+def process_gain(process: Process) -> float:
+    """What gains of the controller are measured against, with the sign they must have.
+
+    The steady-state gain of a process that settles, else its gain at the natural crossover.
+    """
+    at_rest = process.steady_state_gain
+    stands = process.integrating_order == 0 and at_rest != 0.0 and not process_stability(process).unstable_poles
+    size = abs(at_rest) if stands else abs(complex(process(1j * natural_crossover(process, PHASE_MARGIN))))
+    return gain_sign(process) * size
+
+
+def _lag_and_gain(process: Process) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Phase lag [rad] of the process taken with positive gain, and its gain, over all frequencies of practice."""
     with np.errstate(all="ignore"):
-        value = process(1j * _W)
-    if not np.all(np.isfinite(value)) or np.any(value == 0.0):
-        raise InputError(f"process {process} is zero or infinite at some frequency; allowed: give the crossover")
-    lag = -np.unwrap(np.angle(value))
-    return lag - 0.5 * math.pi * round(2.0 * lag[0] / math.pi) + 0.5 * math.pi * process.integrating_order, np.abs(value)
+        value = gain_sign(process) * process(1j * _W)
+    if not np.all(np.isfinite(value)):
+        raise InputError(f"process {process} is infinite at some frequency; allowed: give the crossover")
+    seen = np.abs(value) > 1e-12 * np.abs(value).max()
+    last = len(_W) if seen.all() else int(np.argmin(seen))
+    lag = -np.unwrap(np.angle(value[:last]))
+    lag += 2.0 * math.pi * np.ceil(-(lag[0] + 0.1) / (2.0 * math.pi))
+    return lag, np.abs(value[:last])

@@ -53,9 +53,9 @@ class Fopid:
 
     def __call__(self, s: ArrayLike) -> Complexes:
         """C(s) at every element of ``s`` (complex, principal branch, none of them zero)."""
-        log_s: Complexes = np.log(np.asarray(s, dtype=np.complex128))
-        value: Complexes = self.kp + self.ki * np.exp(-self.lam * log_s) + self.kd * np.exp(self.mu * log_s)
-        return value
+        log_s = np.log(np.asarray(s, dtype=np.complex128))
+        value = self.kp + self.ki * np.exp(-self.lam * log_s) + self.kd * np.exp(self.mu * log_s)
+        return np.asarray(value, dtype=np.complex128)
 
     def derivative(self, s: ArrayLike) -> Complexes:
         """dC/ds at every element of ``s``."""

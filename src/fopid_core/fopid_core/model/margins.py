@@ -205,16 +205,12 @@ def _peak(curve: Curve, z: Floats, limits: tuple[float, float]) -> tuple[float, 
 def _limits(numerator: QuasiPolynomial, denominator: QuasiPolynomial) -> tuple[float, float]:
     """Abs(numerator / denominator) at s = 0 and at s = infinity, there the largest that the delays let it be."""
     low_n, low_d = numerator.lowest_order, denominator.lowest_order
-    zero = abs(_sum_at(numerator, low_n) / _sum_at(denominator, low_d)) * _power_at_zero(low_n - low_d)
+    zero = abs(numerator.sum_of_order(low_n) / denominator.sum_of_order(low_d)) * _power_at_zero(low_n - low_d)
     lead = leading_term(denominator)
     level = [abs(t.coefficient) for t in denominator.terms if t.order == lead.order and t != lead]
     room = abs(lead.coefficient) - sum(level)
     top = sum(abs(t.coefficient) for t in numerator.terms if t.order == numerator.degree)
     return zero, (top / room if room > 0.0 else math.inf) * _power_at_zero(lead.order - numerator.degree)
-
-
-def _sum_at(function: QuasiPolynomial, order: float) -> float:
-    return sum(t.coefficient for t in function.terms if t.order == order)
 
 
 def _power_at_zero(order: float) -> float:

@@ -133,6 +133,10 @@ class QuasiPolynomial:
         """The lowest order: how often s can be taken out."""
         return min(t.order for t in self.terms)
 
+    def sum_of_order(self, order: float) -> float:
+        """The sum of the coefficients of all terms of this order, whatever their delays."""
+        return sum(t.coefficient for t in self.terms if t.order == order)
+
     @property
     def lowest_delay(self) -> float:
         """The shortest delay: how much of it can be taken out."""

@@ -1,7 +1,7 @@
 """The bridge to python-control: fractional powers by Oustaloup's filter, delays by Pade's fraction, and back.
 
-For people who want a ``TransferFunction`` or a ``StateSpace`` (``control.ss`` of it). Nothing in this package computes
-with these approximations: they say nothing certain about the loop.
+For people who want a ``TransferFunction`` or a ``StateSpace``. Nothing in this package computes with these
+approximations: they say nothing certain about the loop.
 """
 
 from __future__ import annotations
@@ -85,6 +85,7 @@ def oustaloup(power: float, approximation: Approximation | None = None) -> contr
 
 
 def _power(power: float, approximation: Approximation) -> _Factors:
+    """``s**power``, its fractional part as ``high**fraction`` times lead-lag sections spread evenly over the band."""
     whole = math.floor(power)
     fraction = power - whole
     origin = np.zeros(abs(whole))
@@ -100,10 +101,13 @@ def _power(power: float, approximation: Approximation) -> _Factors:
     return _Factors(np.append(zeros, lows), np.append(poles, highs), high**fraction)
 
 
-def to_control(model: Process | Fopid, approximation: Approximation | None = None) -> control.TransferFunction:
+def to_transfer_function(
+    model: Process | Fopid, approximation: Approximation | None = None
+) -> control.TransferFunction:
     """A process or a controller as a python-control transfer function.
 
-    Whole powers of s are exact; fractional powers and delays are approximated.
+    Whole powers of s are exact; fractional powers and delays are approximated. Polynomials of the high degree that two
+    fractional powers already make are good for a frequency response, not for closing a loop: ``to_state_space`` is.
 
     Parameters
     ----------
@@ -114,15 +118,13 @@ def to_control(model: Process | Fopid, approximation: Approximation | None = Non
     Examples
     --------
     >>> process = Process.parse("2/(s+1)*exp(-0.1s)")
-    >>> abs(complex(to_control(process)(1j)) - complex(process(1j))) < 1e-9
+    >>> abs(complex(to_transfer_function(process)(1j)) - complex(process(1j))) < 1e-9
     True
     """
     approximation = approximation or Approximation()
     if isinstance(model, Fopid):
-        numerator, denominator = model.numerator, QuasiPolynomial.monomial(1.0, order=model.integral_order)
-    else:
-        numerator, denominator = model.numerator, model.denominator
-    return _quotient(numerator, denominator, approximation)
+        return _quotient(model.numerator, QuasiPolynomial.monomial(1.0, order=model.integral_order), approximation)
+    return _quotient(model.numerator, model.denominator, approximation)
 
 
 def _quotient(
@@ -143,16 +145,18 @@ def _quotient(
             whole = math.floor(term.order)
             product = term.coefficient * np.append(1.0, np.zeros(whole))
             for key, (over, under) in parts.items():
-                product = np.polymul(product, over if key in (term.order - whole, -term.delay) else under)
-            total = np.polyadd(total, product)
-        return np.asarray(total, dtype=np.float64)
+                factor = over if key in (term.order - whole, -term.delay) else under
+                product = np.asarray(np.polymul(product, factor), dtype=np.float64)
+            total = np.asarray(np.polyadd(total, product), dtype=np.float64)
+        return total
 
     return control.TransferFunction(polynomial(numerator), polynomial(denominator))
 
 
 def _fraction(power: float, approximation: Approximation) -> tuple[Floats, Floats]:
     factors = _power(power, approximation)
-    return factors.gain * np.poly(factors.zeros), np.poly(factors.poles)
+    over, under = factors.gain * np.poly(factors.zeros), np.poly(factors.poles)
+    return np.asarray(over, dtype=np.float64), np.asarray(under, dtype=np.float64)
 
 
 def _pade(delay: float, approximation: Approximation) -> tuple[Floats, Floats]:
@@ -160,6 +164,90 @@ def _pade(delay: float, approximation: Approximation) -> tuple[Floats, Floats]:
 
     over, under = control.pade(delay, approximation.pade_order)
     return np.asarray(over, dtype=np.float64), np.asarray(under, dtype=np.float64)
+
+
+def to_state_space(model: Process | Fopid, approximation: Approximation | None = None) -> control.StateSpace:
+    """A process or a controller as a python-control state space, well scaled whatever the number of states.
+
+    Every fractional power is a bank of first-order lags of its own; nothing is multiplied out.
+
+    Parameters
+    ----------
+    model : Process or Fopid
+        A process may have one delay, a controller a derivative of an order below 1.
+    approximation : Approximation, optional
+
+    Examples
+    --------
+    >>> process = Process.parse("1/(s^1.5+1)")
+    >>> abs(complex(to_state_space(process)(1j)) - complex(process(1j))) < 0.01
+    True
+    """
+    approximation = approximation or Approximation()
+    if isinstance(model, Fopid):
+        return _controller_space(model, approximation)
+    if not (model.numerator.has_one_delay and model.denominator.has_one_delay):
+        raise InputError(f"process {model} has several delays; allowed here: one delay of the whole process")
+    space = _process_space(model.without_delay(), approximation)
+    return space * _pade_space(model.delay, approximation) if model.delay else space
+
+
+def _controller_space(controller: Fopid, approximation: Approximation) -> control.StateSpace:
+    if controller.kd and controller.mu >= 1.0:
+        raise InputError(f"mu = {controller.mu:g}; allowed here: below 1, or kd = 0 (a state space is proper)")
+    kp, ki, kd, lam, mu = controller.gains
+    parts = [(ki, -lam), (kd, mu)]
+    return sum((gain * _power_space(power, approximation) for gain, power in parts if gain), _static(kp))
+
+
+def _process_space(process: Process, approximation: Approximation) -> control.StateSpace:
+    """One block ``s**(q - n)`` for every order q of a process of order n, all fed by the input and the output."""
+    import control
+
+    top = process.denominator.degree
+    over = {t.order: t.coefficient for t in process.numerator.terms}
+    under = {t.order: t.coefficient for t in process.denominator.terms}
+    lead = under.pop(top)
+    orders = sorted(over.keys() | under.keys())
+    blocks = control.append(*(_power_space(order - top, approximation) for order in orders))
+    n = np.array([[over.get(order, 0.0) / lead] for order in orders])
+    d = np.array([[under.get(order, 0.0) / lead] for order in orders])
+    output, direct = blocks.C.sum(axis=0, keepdims=True), blocks.D.sum(axis=0, keepdims=True)
+    loop = 1.0 / (1.0 + (direct @ d).item())
+    return control.ss(
+        blocks.A - loop * blocks.B @ d @ output,
+        blocks.B @ (n - loop * d @ direct @ n),
+        loop * output,
+        loop * direct @ n,
+    )
+
+
+def _power_space(power: float, approximation: Approximation) -> control.StateSpace:
+    """A power of s below 1: lags side by side, integrators in a row."""
+    import control
+
+    whole = math.floor(power)
+    space = _static(1.0)
+    if power != whole:
+        factors = _power(power - whole, approximation)
+        distances = factors.poles[:, None] - factors.poles + np.eye(factors.poles.size)
+        residues = factors.gain * np.prod((factors.poles[:, None] - factors.zeros) / distances, axis=1)
+        space = control.ss(np.diag(factors.poles), np.ones((residues.size, 1)), residues[None, :], factors.gain)
+    for _ in range(-whole):
+        space = space * control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]])
+    return space
+
+
+def _pade_space(delay: float, approximation: Approximation) -> control.StateSpace:
+    import control
+
+    return control.ss(control.TransferFunction(*control.pade(delay, approximation.pade_order)))
+
+
+def _static(gain: float) -> control.StateSpace:
+    import control
+
+    return control.ss([], [], [], [[gain]])
 
 
 def from_control(system: control.TransferFunction | control.StateSpace, delay: float = 0.0) -> Process:
@@ -199,4 +287,4 @@ def _polynomials(system: control.TransferFunction | control.StateSpace) -> tuple
     zeros, poles = np.poly(control.zeros(system)).real, np.poly(control.poles(system)).real
     point = 1.0 + 2.0 * float(np.max(np.abs(control.poles(system)), initial=0.0))  # to the right of every pole
     gain = complex(system(point)).real * np.polyval(poles, point) / np.polyval(zeros, point)
-    return gain * zeros, poles
+    return np.asarray(gain * zeros, dtype=np.float64), np.asarray(poles, dtype=np.float64)

@@ -82,18 +82,13 @@ def _verdict(characteristic: QuasiPolynomial) -> Stability:
     if zeros.neutral_gain[0] > 1.0 + BORDER:
         return Stability(False, -1, True, 0.0, "infinitely many unstable poles: the delayed loop gain stays above 1")
     at_origin = characteristic.lowest_order > 0.0
-    if at_origin or _vanishes_at_origin(characteristic):
+    if at_origin or characteristic.sum_of_order(0.0) == 0.0:
         return Stability(False, count, True, 0.0, "a pole at the origin")
     if not decided:
         return Stability(False, -1, False, min(margin, BORDER), "too close to the border to call")
     if count:
         return Stability(False, count, True, margin, f"{count} unstable pole{'s' if count > 1 else ''}")
     return Stability(True, 0, True, margin, "stable")
-
-
-def _vanishes_at_origin(function: QuasiPolynomial) -> bool:
-    constants = [t.coefficient for t in function.terms if t.order == function.lowest_order]
-    return sum(constants) == 0.0
 
 
 def stable_mask(process: Process, gains: ArrayLike) -> Booleans:

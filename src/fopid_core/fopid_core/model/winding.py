@@ -58,10 +58,10 @@ class Zeros:
 def right_half_plane_zeros(function: QuasiPolynomial) -> Zeros:
     """The zeros of one quasi-polynomial to the right of the imaginary axis; a power of s is left out.
 
-        Examples
+    Examples
     --------
     >>> int(right_half_plane_zeros(QuasiPolynomial.polynomial([1.0, -1.0, 2.0, 3.0])).count[0])
-        2
+    2
     """
     terms = function.terms
     return count_zeros(

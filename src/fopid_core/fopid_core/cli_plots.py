@@ -1,0 +1,57 @@
+"""The pictures of the command line: a response, a region of gains."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fopid_core.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from fopid_core.model.response import Response
+    from fopid_core.model.stability_region import StabilityRegion
+
+
+def plot_response(response: Response, title: str, path: Path) -> None:
+    """Output and control over time, one above the other."""
+    figure = _figure()
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    upper.plot(response.time, response.output)
+    upper.set(title=title, ylabel="output")
+    lower.plot(response.time, response.control)
+    lower.set(xlabel="time [s]", ylabel="control")
+    for axes in (upper, lower):
+        axes.grid(alpha=0.3)
+    _save(figure, path)
+
+
+def plot_region(region: StabilityRegion, title: str, path: Path) -> None:
+    """The stabilising gains and the curve that bounds them."""
+    figure = _figure()
+    axes = figure.subplots()
+    axes.contourf(region.x, region.y, region.stable, levels=(0.5, 1.5), colors=("#9ecae1",))
+    border = region.curve.copy()
+    border[:, ~region.border] = float("nan")
+    axes.plot(*region.curve, color="#bbbbbb", linewidth=0.8, label="a pole on the imaginary axis")
+    axes.plot(*border, color="#08519c", linewidth=1.6, label="border of the stable region")
+    axes.set(
+        title=title, xlabel=region.plane[0], ylabel=region.plane[1],
+        xlim=(region.x[0], region.x[-1]), ylim=(region.y[0], region.y[-1]),
+    )  # fmt: skip
+    axes.legend()
+    _save(figure, path)
+
+
+def _figure() -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(7.0, 5.0), layout="constrained")
+
+
+def _save(figure: Figure, path: Path) -> None:
+    try:
+        figure.savefig(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"plot file {str(path)!r}: {' '.join(str(error).split())}") from None

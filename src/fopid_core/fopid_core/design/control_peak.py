@@ -1,0 +1,49 @@
+"""The first control after a setpoint step, of the controller as it runs.
+
+The ideal controller answers a setpoint step with an infinite control as soon as it differentiates. The controller as it
+runs takes the error as linear between samples, so its first control is finite and linear in the gains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import rgamma
+
+from fopid_core.model.fopid import Fopid
+from fopid_core.runtime.controller import ControllerSettings, FopidController
+
+Real = NDArray[np.float64]
+
+
+def first_control(gains: Real, sample_time: float) -> Real:
+    """The control at the first sample after a unit setpoint step, shape (n,), for rows (kp, ki, kd, lam, mu).
+
+    Notes
+    -----
+    kp + ki h^lam / Gamma(2 + lam) + kd h^-mu r(mu), where r(mu) is 1 / Gamma(2 - mu) up to mu = 1 and what the
+    controller's differences make of it above.
+
+    Examples
+    --------
+    >>> float(first_control(np.array([[2.0, 1.0, 0.5, 1.0, 1.0]]), sample_time=0.1)[0])
+    7.05
+    """
+    kp, ki, kd, lam, mu = gains.T
+    h = sample_time
+    return np.asarray(kp + ki * h**lam * rgamma(2.0 + lam) + kd * h**-mu * _derivative_kick()(mu))
+
+
+@cache
+def _derivative_kick() -> Callable[[Real], Real]:
+    """r(mu), read off the controller itself; at a sample time of 1 s, since it does not depend on it."""
+    from scipy.interpolate import CubicSpline
+
+    orders = np.linspace(0.0, 2.0, 41)
+    kicks = [FopidController(ControllerSettings(Fopid(0.0, 0.0, 1.0, 1.0, mu), 1.0)).step(1.0, 0.0) for mu in orders]
+    below, above = orders <= 1.0, orders >= 1.0
+    splines = [CubicSpline(orders[part], np.array(kicks)[part]) for part in (below, above)]
+    return lambda mu: np.where(mu <= 1.0, splines[0](mu), splines[1](mu))

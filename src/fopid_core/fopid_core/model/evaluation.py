@@ -1,0 +1,163 @@
+"""Everything that is asked about one loop, in one answer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fopid_core.errors import InputError
+from fopid_core.model.gruenwald import gl1_response
+from fopid_core.model.indices import (
+    Indices,
+    indices,
+    overshoot_pct,
+    rise_time,
+    rise_time_to_100,
+    settling_time,
+    total_variation,
+)
+from fopid_core.model.loop import Loop
+from fopid_core.model.margins import Margins, margins
+from fopid_core.model.response import Response, step_response
+from fopid_core.model.stability import Stability, stability
+from fopid_core.model.winding import right_half_plane_zeros
+
+Method = Literal["exact", "gl1"]
+
+PAPER_STEP = 0.01
+"""Sample time [s] of the paper's tables."""
+
+_SETTLED = 0.1  # below the frequency where S has left its steady state by this, little happens
+_SLOW_TIMES = 5.0
+_DELAYS = 10.0
+
+
+@dataclass(frozen=True)
+class StepMeasures:
+    """What a step of the setpoint shows.
+
+    Attributes
+    ----------
+    indices : Indices
+        Over the horizon.
+    overshoot_pct : float
+        Per cent of the setpoint.
+    rise_time, rise_time_to_100, settling_time : float
+        10 to 90 %, first crossing of the setpoint (the paper's), into 2 % [s]; NaN when it does not happen.
+    control_peak, control_variation : float
+        Largest absolute value and total variation of the control; infinite with an ideal derivative.
+    accuracy : float
+        Estimated largest error of the output.
+    """
+
+    indices: Indices
+    overshoot_pct: float
+    rise_time: float
+    rise_time_to_100: float
+    settling_time: float
+    control_peak: float
+    control_variation: float
+    accuracy: float
+
+    @staticmethod
+    def of(response: Response) -> StepMeasures:
+        """The measures of a response to a unit step of the setpoint."""
+        time, output = response.time, response.output
+        return StepMeasures(
+            indices=indices(time, response.error),
+            overshoot_pct=overshoot_pct(output),
+            rise_time=rise_time(time, output),
+            rise_time_to_100=rise_time_to_100(time, output),
+            settling_time=settling_time(time, output),
+            control_peak=response.control_peak,
+            control_variation=math.inf if response.control_impulse else total_variation(response.control),
+            accuracy=response.accuracy,
+        )
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A loop, judged.
+
+    Attributes
+    ----------
+    stability : Stability
+    margins : Margins
+    horizon : float
+        Of the step [s].
+    step : StepMeasures or None
+        None for a loop that is not stable: its error does not die out and no index exists.
+    steady_state_error : float
+        What is left of the error after a unit step in the end; where it is not 0 the indices grow with the horizon.
+    """
+
+    stability: Stability
+    margins: Margins
+    horizon: float
+    step: StepMeasures | None
+    steady_state_error: float
+
+
+def evaluate(
+    loop: Loop, horizon: float | None = None, method: Method = "exact", sample_time: float = PAPER_STEP
+) -> Evaluation:
+    """Judge a loop.
+
+    Parameters
+    ----------
+    loop : Loop
+    horizon : float, optional
+        Of the step [s]; ``default_horizon`` when not given.
+    method : {"exact", "gl1"}
+        Exact, or first-order Gruenwald-Letnikov at ``sample_time`` as in the paper.
+    sample_time : float
+        For ``gl1`` [s].
+
+    Examples
+    --------
+    >>> from fopid_core.model.fopid import Fopid
+    >>> from fopid_core.model.process import read_process
+    >>> judged = evaluate(Loop(read_process("P1"), Fopid(1.0, 0.4, 0.5)), horizon=30.0)
+    >>> judged.stability.stable, judged.steady_state_error
+    (True, 0.0)
+    """
+    if method not in ("exact", "gl1"):
+        raise InputError(f"method = {method!r}; allowed: exact, gl1")
+    horizon = default_horizon(loop) if horizon is None else horizon
+    verdict = stability(loop)
+    measures = None
+    if verdict.stable:
+        exact = method == "exact"
+        response = step_response(loop, horizon) if exact else gl1_response(loop, horizon, sample_time)
+        measures = StepMeasures.of(response)
+    return Evaluation(verdict, margins(loop), horizon, measures, _steady_state_error(loop) if measures else math.nan)
+
+
+def default_horizon(loop: Loop) -> float:
+    """A horizon [s] on which the loop settles: some times its slowest time, rounded up to 1, 2 or 5 and zeros.
+
+    Examples
+    --------
+    >>> from fopid_core.model.fopid import Fopid
+    >>> from fopid_core.model.process import read_process
+    >>> default_horizon(Loop(read_process("P1"), Fopid(1.0, 0.4, 0.5)))
+    100.0
+    """
+    frequency = np.exp(right_half_plane_zeros(loop.characteristic).log_frequency)
+    sensitivity = loop.sensitivity(1j * frequency)
+    moved = np.flatnonzero(np.abs(sensitivity - sensitivity[0]) > _SETTLED)
+    slow = frequency[moved[0]] if moved.size else frequency[-1]
+    wished = _SLOW_TIMES / slow + _DELAYS * loop.process.delay
+    decade = 10.0 ** math.floor(math.log10(wished))
+    return float(next(n * decade for n in (1, 2, 5, 10) if n * decade >= wished))
+
+
+def _steady_state_error(loop: Loop) -> float:
+    """S(0), the final value of the error after a unit step."""
+    opened, closed = loop.opened, loop.characteristic
+    if opened.lowest_order > closed.lowest_order:
+        return 0.0
+    return opened.sum_of_order(0.0) / closed.sum_of_order(0.0)

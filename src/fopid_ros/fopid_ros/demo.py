@@ -1,0 +1,102 @@
+"""The demonstration: starts the four nodes as separate processes and watches over them."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from fopid_core.errors import InputError
+from fopid_core.study.experiment import Experiment, demo_experiment
+
+from fopid_ros.experiment import run_folder
+from fopid_ros.processes import Children, command, ros_arguments
+
+
+def node_parameters(experiment: Experiment) -> dict[str, dict[str, object]]:
+    """Parameters of the three nodes an experiment runs with, by executable."""
+    lockstep = experiment.trigger == "lockstep"
+    common = {"sample_time": experiment.sample_time, "trigger": experiment.trigger}
+    plant = {**common, "process": experiment.process, **experiment.plant}
+    if lockstep:
+        plant["advance_until"] = 0.0
+    simulated = {"use_sim_time": lockstep}
+    return {
+        "plant_simulator": plant,
+        "fopid_controller": {**common, **simulated, **experiment.gains, **experiment.controller},
+        "fopid_tuner": {**simulated, "process": experiment.process, "sample_time": experiment.sample_time},
+    }
+
+
+def start_nodes(children: Children, experiment: Experiment, environment: dict[str, str]) -> None:
+    """Start plant, controller and tuner."""
+    for executable, parameters in node_parameters(experiment).items():
+        quiet = ["--log-level", "warn"]
+        children.start(executable, [command(executable), *ros_arguments(parameters), *quiet], environment)
+
+
+def _environment() -> dict[str, str]:
+    """ROS stays on this machine; small matrices need one thread."""
+    chosen = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "OPENBLAS_NUM_THREADS": "1"}
+    return {name: os.environ.get(name, value) for name, value in chosen.items()}
+
+
+def _watch(children: Children) -> int:
+    """Until the experiment ends; a node that ends before it ends the demonstration."""
+    while (ended := children.ended()) is None:
+        time.sleep(0.05)
+    name, code = ended
+    if name != "experiment":
+        print(f"error: {name} ended with code {code}; see its message above", file=sys.stderr)
+        return 2
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="fopid_demo", description="Run a loop over ROS 2, tune it twice while it runs, record it, report."
+    )
+    parser.add_argument("--process", default="P1", help="P1 ... P4 or a transfer function in s (P1)")
+    parser.add_argument("--trigger", default="lockstep", choices=("lockstep", "realtime"), help="how time passes")
+    parser.add_argument("--out", type=Path, help="folder for bag and report (runs/demo-TIME)")
+    return parser
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point of the command ``fopid_demo``."""
+    options = _parser().parse_args(args)
+    try:
+        experiment = demo_experiment(options.process, options.trigger)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    folder = options.out or run_folder("demo")
+    try:
+        folder.mkdir(parents=True)
+        file = folder / "experiment.yaml"
+        file.write_text(experiment.to_yaml(), encoding="utf-8")
+    except OSError as error:
+        print(f"error: folder {str(folder)!r}: {error.strerror}", file=sys.stderr)
+        return 2
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _raise_interrupt)
+    environment = _environment()
+    with Children() as children:
+        try:
+            start_nodes(children, experiment, environment)
+            children.start("experiment", [command("experiment"), str(file), "--out", str(folder)], environment)
+            return _watch(children)
+        except KeyboardInterrupt:
+            return 130
+
+
+def _raise_interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+if __name__ == "__main__":
+    sys.exit(main())
