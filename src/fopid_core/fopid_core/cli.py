@@ -37,7 +37,7 @@ class OneLineErrors(click.Group):
         try:
             sys.exit(super().main(*args, **kwargs) or 0)
         except click.exceptions.NoArgsIsHelpError as error:
-            click.echo(error.format_message())
+            click.echo(error.format_message(), err=True)
             sys.exit(BAD_INPUT)
         except (InputError, click.ClickException) as error:
             message = error.format_message() if isinstance(error, click.ClickException) else str(error)

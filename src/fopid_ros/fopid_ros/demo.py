@@ -12,7 +12,6 @@ from pathlib import Path
 
 from fopid_core.errors import InputError
 from fopid_core.study.experiment import Experiment, demo_experiment
-
 from fopid_ros.experiment import run_folder
 from fopid_ros.processes import Children, command, ros_arguments
 
@@ -35,7 +34,7 @@ def node_parameters(experiment: Experiment) -> dict[str, dict[str, object]]:
 def start_nodes(children: Children, experiment: Experiment, environment: dict[str, str]) -> None:
     """Start plant, controller and tuner."""
     for executable, parameters in node_parameters(experiment).items():
-        quiet = ["--log-level", "warn"]
+        quiet = ["--log-level", "info"]
         children.start(executable, [command(executable), *ros_arguments(parameters), *quiet], environment)
 
 

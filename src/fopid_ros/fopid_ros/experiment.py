@@ -13,12 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from fopid_core.errors import InputError
-from fopid_core.study.experiment import Experiment, Phase, TuneCall, read_experiment
-from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
-from fopid_msgs.srv import Advance, Tune
 from rcl_interfaces.msg import ParameterEvent
-from rclpy.client import Client
 from rclpy.duration import Duration
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -30,7 +25,11 @@ from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from fopid_ros.node import latched_qos, loop_qos
+from fopid_core.errors import InputError
+from fopid_core.study.experiment import Experiment, Phase, TuneCall, read_experiment
+from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
+from fopid_msgs.srv import Advance, Tune
+from fopid_ros.node import latched_qos
 from fopid_ros.recorder import Recorder
 from fopid_ros.signals import header_stamp
 
@@ -40,7 +39,7 @@ STALL_TIME = 10.0  # lockstep without progress for this long has stalled [s]
 TUNING_TIME = 120.0  # how long a tuning may take [s]
 
 
-class Interrupted(Exception):
+class StopRequestedError(Exception):
     """Ctrl-C or a request to terminate."""
 
 
@@ -74,7 +73,7 @@ class ExperimentNode(Node):
         future = future or Future()
         self._executor.spin_until_future_complete(future, timeout_sec=seconds)
         if self._interrupted:
-            raise Interrupted
+            raise StopRequestedError
         return bool(future.done())
 
     def _call(self, future: Future, what: str, timeout: float) -> Any:
@@ -163,7 +162,9 @@ class ExperimentNode(Node):
             if answer.time > last:
                 last, last_moved = answer.time, time.monotonic()
             elif time.monotonic() - last_moved > STALL_TIME:
-                raise InputError(f"the loop stands still at {answer.time:g} s: the controller does not answer")
+                raise InputError(
+                    f"the loop stands still at {answer.time:g} s, {answer.message}: does the controller answer?"
+                )
             self.spin(SLICE)
 
     def _run_realtime(self, end: float, progress: Any) -> None:
@@ -250,7 +251,7 @@ def conduct(experiment: Experiment, folder: Path, console: Console) -> int:
     except OSError as error:
         console.print(f"error: folder {str(folder)!r}: {error.strerror}", highlight=False, soft_wrap=True)
         return 2
-    except Interrupted:
+    except StopRequestedError:
         console.print("interrupted", highlight=False)
         return 130
     finally:

@@ -7,17 +7,18 @@ import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from fopid_core.model.fopid import ORDER_RANGE, Fopid
-from fopid_core.runtime.controller import ControllerSettings, FopidController
-from fopid_core.runtime.filter_bank import Band
-from fopid_msgs.msg import FopidState
 from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
+from fopid_core.model.fopid import ORDER_RANGE, Fopid
+from fopid_core.runtime.controller import ControllerSettings, FopidController
+from fopid_core.runtime.filter_bank import Band
+from fopid_msgs.msg import FopidState
 from fopid_ros.node import LOCKSTEP_DEPTH, TIMING, ManagedNode, loop_qos, run, take_waiting
 from fopid_ros.parameters import Spec
 from fopid_ros.signals import SignalType, header_stamp, signal_specs
@@ -79,8 +80,8 @@ class ControllerNode(ManagedNode):
     NAME = "fopid_controller"
     SPECS = SPECS
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, context: Context | None = None) -> None:
+        super().__init__(context=context)
         values = self.values()
         self._controller = FopidController(controller_settings(values))
         self._controller.set_mode(values["mode"])
@@ -171,7 +172,7 @@ class ControllerNode(ManagedNode):
             self.destroy_timer(self._timer)
             self._timer = None
         self._controller.reset()
-        self._publish_control(self._controller.settings.safe_control, self.get_clock().now().nanoseconds)
+        self.publish_control(self._controller.settings.safe_control, self.get_clock().now().nanoseconds)
 
     def _take(self, name: str, value: float) -> bool:
         """Keep an input's newest value; a value that is not finite is counted and refused."""
@@ -195,7 +196,7 @@ class ControllerNode(ManagedNode):
         if stamp is None:
             stamp = self.get_clock().now().nanoseconds
         if stamp == self._last_stamp:  # the plant asks again: the answer is the same
-            self._publish_control(self._controller.state.control, stamp)
+            self.publish_control(self._controller.state.control, stamp)
             return
         for subscription in self._slow:
             take_waiting(subscription)
@@ -228,7 +229,7 @@ class ControllerNode(ManagedNode):
     def _tick(self, stamp: int, *, stale: bool) -> None:
         inputs, controller = self._inputs, self._controller
         if math.isnan(inputs["setpoint"]) or math.isnan(inputs["measurement"]):
-            self._publish_control(controller.settings.safe_control, stamp)
+            self.publish_control(controller.settings.safe_control, stamp)
             return
         self._ticks += 1
         if stale:
@@ -239,7 +240,7 @@ class ControllerNode(ManagedNode):
                 inputs["setpoint"], inputs["measurement"], inputs["feedforward"], inputs["manual_control"]
             )
         self._saturated_ticks += controller.state.saturated
-        self._publish_control(control, stamp)
+        self.publish_control(control, stamp)
         self._publish_state(stamp)
 
     def _stale_control(self) -> float:
@@ -248,7 +249,8 @@ class ControllerNode(ManagedNode):
             return self._controller.settings.safe_control
         return self._inputs["manual_control"] if policy == "manual" else self._controller.state.control
 
-    def _publish_control(self, control: float, stamp_ns: int) -> None:
+    def publish_control(self, control: float, stamp_ns: int) -> None:
+        """Send the control with the stamp of the measurement it answers, or of the tick [ns]."""
         self._control_publisher.publish(self._write(control, stamp_ns))
 
     def _fill_gains(self) -> None:

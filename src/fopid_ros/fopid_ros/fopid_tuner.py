@@ -8,6 +8,12 @@ import threading
 from dataclasses import dataclass
 from typing import Any
 
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import Executor, MultiThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.task import Future
+
 from fopid_core.design.reduction import preferred, reduce, reduce_all
 from fopid_core.design.specification import METHODS, VIA
 from fopid_core.design.tuner import Bound, TuningRequest, TuningResult, tune
@@ -17,12 +23,6 @@ from fopid_core.model.process import Process, read_process
 from fopid_msgs.msg import Gains, LoopMeasures, ReducedModel
 from fopid_msgs.msg import TuningResult as TuningResultMessage
 from fopid_msgs.srv import Reduce, Tune
-from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import Executor, MultiThreadedExecutor
-from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.parameter_client import AsyncParameterClient
-from rclpy.task import Future
-
 from fopid_ros.node import ManagedNode, latched_qos, run
 from fopid_ros.parameters import Spec
 from fopid_ros.signals import header_stamp

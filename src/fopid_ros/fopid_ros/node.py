@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import rclpy
-from fopid_core.errors import InputError
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.context import Context
 from rclpy.exceptions import InvalidNamespaceException, InvalidNodeNameException
 from rclpy.executors import Executor
 from rclpy.experimental.events_executor import EventsExecutor
@@ -24,6 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 
+from fopid_core.errors import InputError
 from fopid_ros.parameters import Spec, check_changes, declare, values
 
 FOREVER = 1e8  # [s]
@@ -61,14 +62,15 @@ def take_waiting(subscription: Subscription) -> None:
 class ManagedNode(LifecycleNode):
     """A lifecycle node whose parameters are a table and are checked as a whole.
 
-    Subclasses name themselves and their parameters, and override ``check`` (would this set of values do?) and ``apply`` (it is in force now).
+    Subclasses name themselves and their parameters, and override ``check`` (would this set of values do?)
+    and ``apply`` (it is in force now).
     """
 
     NAME: ClassVar[str]
     SPECS: ClassVar[tuple[Spec, ...]]
 
-    def __init__(self) -> None:
-        super().__init__(self.NAME)
+    def __init__(self, context: Context | None = None) -> None:
+        super().__init__(self.NAME, context=context)
         self._specs = {spec.name: spec for spec in (*self.SPECS, AUTOSTART)}
         self._survive_wrong_transitions()
         try:
@@ -208,7 +210,7 @@ def _spin_until(stop: threading.Event, node: ManagedNode, executor: Executor) ->
         try:
             # Not spin(): without a time limit, EventsExecutor of rclpy 7.1 loops without waiting.
             executor.spin_until_future_complete(stopped, timeout_sec=FOREVER)
-        except BaseException as error:  # handed to the main thread below
+        except BaseException as error:  # noqa: BLE001  (handed to the main thread below)
             failure.append(error)
         finally:
             stop.set()

@@ -8,11 +8,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fopid_core.errors import InputError
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+
+from fopid_core.errors import InputError
 
 Value = bool | int | float | str
 
@@ -92,7 +93,7 @@ def declare(node: Node, specs: Sequence[Spec]) -> None:
     InputError
         For a value of the wrong type or out of range, and for a name that the node does not have.
     """
-    overrides: dict[str, Parameter] = node._parameter_overrides  # there is no public way to see them
+    overrides: dict[str, Parameter] = node._parameter_overrides  # noqa: SLF001  (no public way to see them)
     _refuse_unknown(node, specs, overrides)
     for spec in specs:
         given = overrides.get(spec.name)

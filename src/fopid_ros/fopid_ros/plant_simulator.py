@@ -10,15 +10,16 @@ import sys
 import time
 from typing import Any
 
-from fopid_core.model.process import read_process
-from fopid_core.runtime.plant import Plant, PlantSettings
-from fopid_msgs.srv import Advance
 from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
+from fopid_core.model.process import read_process
+from fopid_core.runtime.plant import Plant, PlantSettings
+from fopid_msgs.srv import Advance
 from fopid_ros.node import TIMING, ManagedNode, loop_qos, run, take_waiting
 from fopid_ros.parameters import Spec
 from fopid_ros.signals import SignalType, signal_specs
@@ -56,17 +57,18 @@ class PlantSimulator(ManagedNode):
     NAME = "plant_simulator"
     SPECS = SPECS
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, context: Context | None = None) -> None:
+        super().__init__(context=context)
         values = self.values()
         self._plant = Plant(_plant_settings(values))
         self._lockstep = values["trigger"] == "lockstep"
         self._until = values["advance_until"]
         self._period_ns = round(values["sample_time"] * 1e9)
+        self._half_period = 0.5e-9 * self._period_ns
         self._control = self._disturbance = 0.0
         self._sample = 0
         self._refused = 0
-        self._timer: Timer | None = None
+        self.timer: Timer | None = None
         self._create_endpoints(values)
 
     def _create_endpoints(self, values: dict[str, Any]) -> None:
@@ -83,7 +85,7 @@ class PlantSimulator(ManagedNode):
         self.create_subscription(types["control"].message_type, "control", self._on_control, qos)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Advance, "~/advance", self._on_advance)
-        self._clock = ClockMessage()
+        self._clock_message = ClockMessage()
         self._clock_published = 0.0
         owns_clock = self._lockstep and values["publish_clock"]
         self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 1) if owns_clock else None
@@ -99,37 +101,38 @@ class PlantSimulator(ManagedNode):
             self._go_on_until(values["advance_until"])
 
     @property
-    def _time(self) -> float:
-        return self._sample * self._period_ns * 1e-9
+    def time(self) -> float:
+        """Time since the start of the simulation [s]."""
+        return self._sample * self._period_ns / 1e9
 
     @property
     def _gate_open(self) -> bool:
-        return self._time < self._until - 0.5e-9 * self._period_ns
+        return self._until - self.time > self._half_period
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         if self._lockstep:
-            self._timer = self.create_timer(RESEND_AFTER, self._resend, clock=steady)
+            self.timer = self.create_timer(RESEND_AFTER, self._resend, clock=steady)
             self._sent_since = False
             self._send()
         else:
             use_sim_time = self.get_parameter("use_sim_time").value
             clock = self.get_clock() if use_sim_time else steady
-            self._timer = self.create_timer(self._period_ns * 1e-9, self._tick, clock=clock)
+            self.timer = self.create_timer(self._period_ns * 1e-9, self._tick, clock=clock)
         process = self.get_parameter("process").value
         self.get_logger().info(f"simulating {process} every {self._period_ns * 1e-9:g} s, {self.values()['trigger']}")
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        if self._timer is not None:
-            self.destroy_timer(self._timer)
-            self._timer = None
+        if self.timer is not None:
+            self.destroy_timer(self.timer)
+            self.timer = None
         return super().on_deactivate(state)
 
     # Lockstep: y_k is answered by u_k, stamped alike; the answer makes y_(k+1).
 
     def _send(self) -> None:
-        if self._gate_open and self._timer is not None:
+        if self._gate_open and self.timer is not None:
             self._publisher.publish(self._write(self._plant.measurement, self._sample * self._period_ns))
             self._sent_since = True
 
@@ -155,9 +158,9 @@ class PlantSimulator(ManagedNode):
         if self._clock_publisher is None or (self._gate_open and now - self._clock_published < CLOCK_PERIOD):
             return
         self._clock_published = now
-        stamp = self._clock.clock
+        stamp = self._clock_message.clock
         stamp.sec, stamp.nanosec = divmod(self._sample * self._period_ns, 1_000_000_000)
-        self._clock_publisher.publish(self._clock)
+        self._clock_publisher.publish(self._clock_message)
 
     def _go_on_until(self, until: float) -> None:
         was_open, self._until = self._gate_open, until
@@ -167,13 +170,13 @@ class PlantSimulator(ManagedNode):
     def _on_advance(self, request: Advance.Request, response: Advance.Response) -> Advance.Response:
         if not self._lockstep:
             response.message = "trigger = 'realtime'; advancing is for trigger = 'lockstep'"
-        elif math.isnan(request.until) or request.until < self._time:
-            response.message = f"until = {request.until}; allowed: the present time {self._time:g} s or later"
+        elif math.isnan(request.until) or request.until < self.time - self._half_period:
+            response.message = f"until = {request.until}; allowed: the present time {self.time:g} s or later"
         else:
             self._go_on_until(request.until)
             response.success = not self._gate_open
             response.message = "reached" if response.success else "on the way"
-        response.time = self._time
+        response.time = self.time
         return response
 
     # Realtime: the timer makes the samples, the newest control is held in between.

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from fopid_core.errors import InputError
 from std_msgs.msg import Header
 
+from fopid_core.errors import InputError
 from fopid_ros.parameters import Spec
 
 DEFAULT_TYPE = "fopid_msgs/msg/ScalarStamped"
@@ -27,7 +27,7 @@ def signal_specs(name: str) -> tuple[Spec, Spec]:
     """The two parameters that say how a loop signal travels."""
     return (
         Spec(f"{name}.type", DEFAULT_TYPE, f"message type of the topic {name}", read_only=True),
-        Spec(f"{name}.field", DEFAULT_FIELD, f"the number's place in that message, as in data or data[2]",
+        Spec(f"{name}.field", DEFAULT_FIELD, "the number's place in that message, as in data or data[2]",
              read_only=True),
     )  # fmt: skip
 

@@ -90,44 +90,38 @@ class Objective:
         """Whether the control signal counts."""
         return self.weights.get("energy", 0.0) > 0.0
 
+    @property
+    def is_integral(self) -> bool:
+        """Whether it is a sum of integrals of absolute values and squares, and nothing else."""
+        return self.name != "zamani"
+
+    def integrals(self, behaviour: Behaviour) -> tuple[Real, Real, Real]:
+        """Signals (n, m) and the weights (m,) of their absolute values and squares whose sum is the cost.
+
+        The sum is the trapezoid rule for eqs. (24) to (29); behind the error stands the control where it counts.
+        """
+        t = behaviour.time
+        of_absolute = {"iae": np.ones_like(t), "itae": t}
+        of_square = {"ise": np.ones_like(t), "itse": t, "istes": t**4, "istse": t**2}
+        trapezoid = np.full_like(t, t[1])
+        trapezoid[[0, -1]] *= 0.5
+        absolute = self._combined(of_absolute) * trapezoid
+        square = self._combined(of_square) * trapezoid
+        if behaviour.controls is None:
+            return behaviour.errors, absolute, square
+        of_control = np.full_like(t, self.weights["energy"] * t[1])
+        signals = np.concatenate([behaviour.errors, behaviour.controls], axis=1)
+        return signals, np.concatenate([absolute, 0.0 * t]), np.concatenate([square, of_control])
+
     def cost(self, behaviour: Behaviour) -> Real:
         """The cost of each loop, shape (n,)."""
-        total = self._indices(behaviour)
-        if behaviour.controls is not None and self.needs_control:
-            step = behaviour.time[1]
-            total = total + self.weights["energy"] * step * np.sum(behaviour.controls**2, axis=1)
-        return total + self._zamani(behaviour) if self.name == "zamani" else total
+        signals, absolute, square = self.integrals(behaviour)
+        total = np.abs(signals) @ absolute + signals**2 @ square
+        return total if self.is_integral else total + self._zamani(behaviour)
 
-    def parts(self, behaviour: Behaviour) -> tuple[Real, Real, Real]:
-        t = behaviour.time
-        of_absolute = {"iae": np.ones_like(t), "itae": t}
-        of_square = {"ise": np.ones_like(t), "itse": t, "istes": t**4, "istse": t**2}
-        trapezoid = np.full_like(t, t[1])
-        trapezoid[[0, -1]] *= 0.5
-        absolute = self._combined(of_absolute, t) * trapezoid
-        square = self._combined(of_square, t) * trapezoid
-        return behaviour.errors, absolute, square
-
-    def _indices(self, behaviour: Behaviour) -> Real:
-        """Weighted sum of eqs. (24) to (29), by the trapezoid rule."""
-        t = behaviour.time
-        of_absolute = {"iae": np.ones_like(t), "itae": t}
-        of_square = {"ise": np.ones_like(t), "itse": t, "istes": t**4, "istse": t**2}
-        trapezoid = np.full_like(t, t[1])
-        trapezoid[[0, -1]] *= 0.5
-        absolute = self._combined(of_absolute, t) * trapezoid
-        square = self._combined(of_square, t) * trapezoid
-        errors = behaviour.errors
-        total = np.zeros(len(errors))
-        if absolute.any():
-            total = total + np.abs(errors) @ absolute
-        if square.any():
-            total = total + errors**2 @ square
-        return total
-
-    def _combined(self, powers: Mapping[str, Real], t: Real) -> Real:
+    def _combined(self, powers: Mapping[str, Real]) -> Real:
         parts = [self.weights.get(name, 0.0) * power for name, power in powers.items()]
-        return np.sum(parts, axis=0)
+        return np.asarray(np.sum(parts, axis=0))
 
     def _zamani(self, behaviour: Behaviour) -> Real:
         outputs = 1.0 - behaviour.errors
@@ -139,7 +133,7 @@ class Objective:
             "phase_margin": 1.0 / phase_margin(behaviour.loop),
             "gain_margin": 1.0 / gain_margin(behaviour.loop),
         }
-        return np.sum([self.weights.get(name, 0.0) * value for name, value in parts.items()], axis=0)
+        return self._combined(parts)
 
 
 def _crossing(time: Real, outputs: Real, level: float) -> Real:

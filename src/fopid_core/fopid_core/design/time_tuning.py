@@ -1,299 +1,221 @@
 """Time-domain tuning, eqs. (23) to (30): the best index of the step response under bounds.
 
 Every index of the error asks for more gain without end, so bounds belong to the specification: on max |S|, on the peak
-of the control of the controller as it runs, and on the gain from measurement noise to control. The optimiser is
-sequential quadratic programming from the best of many designs that lie on the bounds already; all of a step's gradient
-comes from one batch of responses. An unstable loop never wins: what is handed out was decided by the argument principle
-on the process itself.
+of the control of the controller as it runs, and on the gain from measurement noise to control. The search begins from the
+best of many designs that lie on the bounds already. An unstable loop never wins: what is handed out was decided by
+the argument principle on the process itself.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fopid_core.design.control_peak import first_control
-from fopid_core.design.defaults import natural_crossover, process_gain
-from fopid_core.design.objectives import Behaviour, Objective
-from fopid_core.design.search_response import ResponseGrid
-from fopid_core.design.specification import NUMBERS
+from fopid_core.design.gauss_newton import Descent, begin, descend
+from fopid_core.design.nelder_mead import simplex_search
+from fopid_core.design.specification import Expired, Progress
+from fopid_core.design.time_problem import TimeProblem, TimeSpecification
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
 from fopid_core.model.stability import stable_mask
 
 Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
-BANDS = 12  # |S| counts as the largest in each of so many bands: each is smooth in the gains where their maximum is not
-LARGEST_GAIN = 500.0  # of the paper's box, section 4.1, in units of the process's gain and time
-UNSTABLE = 1e3  # relative cost of a loop that is not stable any more
-STEP = 1e-6  # relative change of a number from which gradients are taken
+SHAPES = 96
+"""Controllers drawn to begin with."""
+BEGUN, FOLLOWED = 6, 2
+"""How many of them a descent begins from, and how many descents are followed to the end."""
+FIRST_STEPS, LAST_STEPS = 8, 80
+RIGHT = 1e-3
+"""Relative error of the cost from which on the time steps are too long."""
+MOST_POINTS = 1 << 15
 
 
 @dataclass(frozen=True)
-class TimeSpecification:
-    """What is minimised, and under which bounds.
+class TimeDesign:
+    """The outcome of a time-domain search.
 
     Attributes
     ----------
-    objective : Objective
-    horizon : float
-        Time over which the response counts [s].
-    ms_max, u_max, noise_max : float
-        Bounds on max |S|, on the control's peak after a unit setpoint step, and on max |C S| up to the Nyquist
-        frequency of the controller; infinite for none.
-    sample_time : float
-        Tick of the controller as it will run [s].
-    fixed : mapping
-        Numbers of the controller that keep a value.
-    bounds : mapping
-        (low, high) of numbers, in place of the default box.
+    controller : Fopid
+        The best stable design.
+    met : bool
+        Whether all bounds are met.
+    cost : float
+    ms, control_peak, noise_gain : float
+        What the bounds are on.
+    evaluations : int
+        Number of controllers looked at.
     """
 
-    objective: Objective
-    horizon: float
-    ms_max: float = math.inf
-    u_max: float = math.inf
-    noise_max: float = math.inf
-    sample_time: float = 0.01
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    controller: Fopid
+    met: bool
+    cost: float
+    ms: float
+    control_peak: float
+    noise_gain: float
+    evaluations: int
 
 
-class TimeProblem:
-    """Cost and bounds of many controllers at once, on one grid of instants and one of frequencies.
+def tune_time(
+    process: Process,
+    specification: TimeSpecification,
+    start: Fopid | None = None,
+    solver: str = "gauss-newton",
+    seed: int = 0,
+    progress: Progress | None = None,
+    expired: Expired | None = None,
+) -> TimeDesign:
+    """The controller with the lowest cost under the bounds.
 
     Parameters
     ----------
     process : Process
     specification : TimeSpecification
-    points : int
-        Number of time steps up to the horizon.
-    """
+    start : Fopid, optional
+        A further point to begin from.
+    solver : str
+        ``gauss-newton``, or ``nelder-mead`` from perturbed starts as in the paper, which also ends every search for an
+        objective that is not an integral.
+    seed : int
+        Of the starts; the same seed gives the same answer.
+    progress, expired : callable, optional
+        Called with the share done; asked whether to stop with the best found so far.
 
-    def __init__(self, process: Process, specification: TimeSpecification, points: int) -> None:
-        self.process, self.specification, self.points = process, specification, points
-        self.speed = natural_crossover(process, math.radians(60.0))
-        self.gain = process_gain(process)
-        self.grid = ResponseGrid(process, specification.horizon, points, self.speed)
-        self.w = self.speed * np.logspace(-2.5, 2.5, 20 * BANDS)
-        self._log_w = np.log(self.w)
-        self._p = process(1j * self.w)
-        nyquist = math.pi / specification.sample_time
-        self._noise_w = np.logspace(math.log10(self.speed) - 1.0, math.log10(max(nyquist, self.speed)), 60)
+    Raises
+    ------
+    InputError
+        If no controller drawn is stable and no stable start is given.
+
+    Examples
+    --------
+    >>> from fopid_core.design.objectives import Objective
+    >>> from fopid_core.model.process import read_process
+    >>> specification = TimeSpecification(Objective.of("itae", {}), horizon=50.0, ms_max=1.6, u_max=20.0)
+    >>> design = tune_time(read_process("P1"), specification)
+    >>> design.met, round(design.cost, 1)
+    (True, 2.5)
+    """
+    report = progress or (lambda share, what: None)
+    search = _Search(process, specification, solver, seed, report, expired or (lambda: False))
+    problem = TimeProblem(process, specification)
+    found = search.run(problem, _first_rows(start))
+    while True:
+        finer = _better_problem(problem, found)
+        if finer is None or search.expired():
+            return _answer(problem, found, search.evaluations)
+        problem = finer
+        found = search.run(problem, found.gains[None], polish_only=not finer.watch_control)
+
+
+def _first_rows(start: Fopid | None) -> Real:
+    return np.zeros((0, 5)) if start is None else np.array([start.gains])
+
+
+def _better_problem(problem: TimeProblem, found: Descent) -> TimeProblem | None:
+    """The problem with shorter time steps or with an eye on the whole control, if the found design needs it."""
+    specification, process = problem.specification, problem.process
+    gains = found.gains[None]
+    if not problem.watch_control and problem.largest_control(gains)[0] > specification.u_max:
+        return TimeProblem(process, specification, problem.points, watch_control=True)
+    finer = TimeProblem(process, specification, 2 * problem.points, problem.watch_control)
+    cost = float(finer.cost_and_slack(gains)[0][0])
+    is_right = abs(cost - found.cost) <= RIGHT * cost
+    return None if is_right or finer.points > MOST_POINTS else finer
+
+
+def _answer(problem: TimeProblem, found: Descent, evaluations: int) -> TimeDesign:
+    gains = found.gains[None]
+    return TimeDesign(
+        controller=Fopid(*(float(number) for number in found.gains)),
+        met=found.slack >= -1e-4,
+        cost=found.cost,
+        ms=float(problem.ms(gains)[0]),
+        control_peak=float(problem.largest_control(gains)[0]),
+        noise_gain=float(problem.noise_gain(gains)[0]),
+        evaluations=evaluations,
+    )
+
+
+class _Search:
+    """One search: how it is done, and how much of it was."""
+
+    def __init__(
+        self,
+        process: Process,
+        specification: TimeSpecification,
+        solver: str,
+        seed: int,
+        report: Progress,
+        expired: Callable[[], bool],
+    ) -> None:
+        self.process, self.specification, self.solver = process, specification, solver
+        self.seed, self.report, self.expired = seed, report, expired
         self.evaluations = 0
 
-    @cached_property
-    def box(self) -> Real:
-        """Lowest and highest of each number, shape (5, 2)."""
-        highest = LARGEST_GAIN / self.gain * np.array([1.0, self.speed, 1.0 / self.speed])
-        order = min(2.0, max(self.process.relative_degree - 0.05, 0.05))
-        box = np.array([*np.sort(np.stack([0.0 * highest, highest], axis=1)), [0.05, 2.0], [0.05, order]])
-        for name, bounds in self.specification.bounds.items():
-            box[NUMBERS.index(name)] = bounds
-        for name, value in self.specification.fixed.items():
-            box[NUMBERS.index(name)] = value
-        return box
+    def run(self, problem: TimeProblem, rows: Real, polish_only: bool = False) -> Descent:
+        """The best stable design found from some rows of gains and, unless polishing, from drawn ones."""
+        if not polish_only:
+            rows = np.concatenate([rows, drawn_starts(problem, self.seed)])
+        rows = np.clip(rows, *problem.box.T)
+        rows = rows[stable_mask(self.process, rows)]
+        if not len(rows):
+            raise InputError(f"process {self.process}: no stable controller found; allowed: give a start that is")
+        begun = sorted((begin(problem, row) for row in rows), key=lambda descent: descent.merit)[:BEGUN]
+        ended = self._simplex(problem, begun) if self.solver == "nelder-mead" else self._descend(problem, begun)
+        self.evaluations += problem.evaluations
+        ended.sort(key=lambda descent: descent.merit)
+        return next(d for d in [*ended, *begun] if stable_mask(self.process, d.gains[None])[0])
 
-    @cached_property
-    def scale(self) -> Real:
-        """Units in which the numbers are of order one, shape (5,)."""
-        k = abs(self.gain)
-        return np.array([1.0 / k, self.speed / k, 1.0 / (k * self.speed), 1.0, 1.0])
+    def _descend(self, problem: TimeProblem, begun: list[Descent]) -> list[Descent]:
+        if not self.specification.objective.is_integral:
+            return self._simplex(problem, begun)
+        under_way = []
+        for i, descent in enumerate(begun):
+            self.report(0.1 + 0.1 * i, f"descending from start {i + 1} of {len(begun)}, best cost so far {_best(under_way)}")
+            under_way.append(descend(problem, descent, FIRST_STEPS, expired=self.expired))
+        under_way.sort(key=lambda descent: descent.merit)
+        self.report(0.7, f"finishing the best, cost {_best(under_way)}")
+        ended = [descend(problem, descent, LAST_STEPS, expired=self.expired) for descent in under_way[:FOLLOWED]]
+        return ended + under_way[FOLLOWED:]
 
-    def controller(self, gains: Real, s: Complex | Real) -> Complex:
-        """C(j w) for rows of gains at frequencies, shape (n, frequencies)."""
-        kp, ki, kd, lam, mu = gains.T[..., None]
-        integral = ki * np.exp(-0.5j * math.pi * lam) * np.exp(-lam * np.log(s))
-        return kp + integral + kd * np.exp(0.5j * math.pi * mu) * np.exp(mu * np.log(s))
-
-    def cost_and_slack(self, gains: Real) -> tuple[Real, Real]:
-        """Cost (n,) and what is left to each bound (n, bounds), relative; negative where it is broken."""
-        self.evaluations += len(gains)
-        loop = self._p * self.controller(gains, self.w)
-        behaviour = Behaviour(self.grid.time, self.grid.errors(gains), self._controls(gains), self.w, loop)
-        return self.specification.objective.cost(behaviour), self._slack(gains, loop)
-
-    def linearise(self, gains: Real, free, scale) -> Real:
-        x = gains[free] / scale
-        high = self.box[free, 1] / scale
-        h = np.where(x + STEP > high, -STEP, STEP)
-        rows = np.repeat(gains[None], len(free) + 1, axis=0)
-        rows[1:, free] += np.diag(h * scale)
-        self.evaluations += len(rows)
-        loop = self._p * self.controller(rows, self.w)
-        behaviour = Behaviour(self.grid.time, self.grid.errors(rows), self._controls(rows), self.w, loop)
-        residuals, absolute, square = self.specification.objective.parts(behaviour)
-        slack = self._slack(rows, loop)
-        return Linear(float(np.abs(residuals[0])@absolute+residuals[0]**2@square), residuals[0], (residuals[1:] - residuals[0]) / h[:, None], absolute, square, slack[0], ((slack[1:] - slack[0]) / h[:, None]).T)
-
-    def slack(self, gains: Real) -> Real:
-        """What is left to each bound, shape (n, bounds)."""
-        return self._slack(gains, self._p * self.controller(gains, self.w))
-
-    def winding(self, gains: Real) -> float:
-        """How far 1 + L turns along the grid more than its beginning accounts for [rad]; it jumps where the loop
-        becomes unstable."""
-        turned = 1.0 + self._p * self.controller(gains[None], self.w)[0]
-        turns = float(np.angle(turned[1:] / turned[:-1]).sum())
-        return turns - 0.5 * math.pi * (gains[3] + self.process.integrating_order)
-
-    def _controls(self, gains: Real) -> Real | None:
-        if not self.specification.objective.needs_control:
-            return None
-        controls = self.grid.controls(gains)
-        controls[:, 0] = first_control(gains, self.specification.sample_time)
-        return controls
-
-    def _slack(self, gains: Real, loop: Complex) -> Real:
-        specification = self.specification
-        columns = []
-        if math.isfinite(specification.ms_max):
-            s_gain = 1.0 / np.abs(1.0 + loop)
-            worst = s_gain.reshape(len(gains), BANDS, -1).max(axis=2)
-            columns += list(np.log(specification.ms_max / worst).T)
-        if math.isfinite(specification.u_max):
-            columns.append(1.0 - np.abs(first_control(gains, specification.sample_time)) / specification.u_max)
-        if math.isfinite(specification.noise_max):
-            columns.append(1.0 - self._noise_gain(gains) / specification.noise_max)
-        return np.stack(columns, axis=1) if columns else np.ones((len(gains), 1))
-
-    def _noise_gain(self, gains: Real) -> Real:
-        controller = self.controller(gains, self._noise_w)
-        return np.abs(controller / (1.0 + controller * self.process(1j * self._noise_w))).max(axis=1)
+    def _simplex(self, problem: TimeProblem, begun: list[Descent]) -> list[Descent]:
+        self.report(0.2, "Nelder-Mead from perturbed starts")
+        return [simplex_search(problem, descent, self.expired) for descent in begun[: FOLLOWED + 1]]
 
 
-@dataclass(frozen=True)
-class Linear:
-    cost: float
-    residual: Real
-    jacobian: Real
-    absolute: Real
-    square: Real
-    slack: Real
-    slack_slope: Real
+def _best(descents: list[Descent]) -> str:
+    return f"{min(descents, key=lambda descent: descent.merit).cost:.5g}" if descents else "none"
 
 
-def starts(problem: TimeProblem, seed: int, shapes: int = 96, most: int = 6) -> Real:
-    """Rows of gains that are stable, lie about on the bounds and have the lowest cost, shape (at most ``most``, 5)."""
-    drawn = _on_the_bounds(problem, _shapes(problem, seed, shapes))
-    drawn = drawn[stable_mask(problem.process, drawn)]
-    if not len(drawn):
-        raise InputError(f"process {problem.process}: no stable start found; allowed: give a start")
-    cost, slack = problem.cost_and_slack(drawn)
-    broken = np.minimum(slack.min(axis=1), 0.0)
-    rank = np.lexsort((cost, -np.round(broken, 2)))
-    return drawn[rank[:most]]
+def drawn_starts(problem: TimeProblem, seed: int) -> Real:
+    """Stable controllers that lie about on the bounds, shape (n, 5), n at most SHAPES."""
+    drawn = _on_the_bounds(problem, _shapes(problem, seed))
+    return drawn[stable_mask(problem.process, drawn)]
 
 
-def _shapes(problem: TimeProblem, seed: int, count: int) -> Real:
-    """Controllers of gain 1 at the process's own crossover, with parts and orders drawn at random within the box."""
+def _shapes(problem: TimeProblem, seed: int) -> Real:
+    """Controllers of about gain 1 at the natural crossover, with parts and orders drawn at random; some are plain PID."""
     rng = np.random.default_rng(seed)
-    parts = np.exp(rng.uniform(np.log([0.3, 0.1, 0.03]), np.log([1.0, 1.5, 1.5]), size=(count, 3)))
-    orders = rng.uniform([0.7, 0.3], [1.4, 1.7], size=(count, 2))
-    orders[: count // 4] = [1.0, 0.95]
-    shapes = np.concatenate([parts * problem.scale[:3] * np.sign(problem.gain), orders], axis=1)
-    low, high = problem.box.T
-    return np.clip(shapes, low, high)
+    parts = np.exp(rng.uniform(np.log([0.3, 0.1, 0.03]), np.log([1.0, 1.5, 1.5]), size=(SHAPES, 3)))
+    orders = rng.uniform([0.7, 0.3], [1.4, 1.7], size=(SHAPES, 2))
+    orders[: SHAPES // 4] = [1.0, 0.95]
+    parts *= problem.scale[:3] * math.copysign(1.0, problem.gain)
+    return np.clip(np.concatenate([parts, orders], axis=1), *problem.box.T)
 
 
 def _on_the_bounds(problem: TimeProblem, shapes: Real) -> Real:
     """Each shape with the largest of many gains at which no bound is broken, else with the least broken."""
     factors = np.geomspace(1e-2, 1e2, 33)
-    low, high = problem.box.T
     tried = np.repeat(shapes[:, None], len(factors), axis=1)
     tried[:, :, :3] *= factors[:, None]
-    tried = np.clip(tried, low, high)
+    tried = np.clip(tried, *problem.box.T)
     worst = problem.slack(tried.reshape(-1, 5)).min(axis=1).reshape(len(shapes), -1)
     fits = worst >= 0.0
-    best = np.where(fits.any(axis=1), fits.shape[1] - 1 - fits[:, ::-1].argmax(axis=1), worst.argmax(axis=1))
-    return tried[np.arange(len(shapes)), best]
-
-
-@dataclass(frozen=True)
-class Optimum:
-    """Where an optimiser ended.
-
-    Attributes
-    ----------
-    gains : ndarray, shape (5,)
-    cost : float
-    slack : float
-        What is left to the tightest bound, relative; negative when it is broken.
-    """
-
-    gains: Real
-    cost: float
-    slack: float
-
-
-def descend(problem: TimeProblem, start: Real, iterations: int = 40, verbose=False) -> Optimum:
-    """Gauss-Newton with linearised bounds in a trust region, from one start.
-
-    Absolute values are squares divided by themselves: |e| = e^2 / |e| with the denominator of the last step (iteratively
-    reweighted least squares), so that the curvature of every index is known and none has to be learnt.
-    """
-    box = problem.box
-    free = np.flatnonzero(box[:, 0] < box[:, 1])
-    scale = problem.scale[free]
-    low, high = box[free].T / scale
-    here = np.clip(start, *box.T)
-    radius = 0.3
-    point = problem.linearise(here, free, scale)
-    winding = problem.winding(here)
-    penalty = 10.0
-    floor = 0.1
-    for it in range(iterations):
-        x = here[free] / scale
-        weights = point.absolute / np.maximum(np.abs(point.residual), floor * np.abs(point.residual).max()*0.01) + 2*point.square
-        weighted = point.jacobian * weights
-        hessian = weighted @ point.jacobian.T
-        gradient = weighted @ point.residual
-        reach = radius * np.maximum(np.abs(x), 0.2)
-        step = constrained_step(hessian, gradient, point.slack - 1e-4, point.slack_slope,
-                                np.maximum(low - x, -reach), np.minimum(high - x, reach))
-        new = here.copy()
-        new[free] = np.clip(x + step, low, high) * scale
-        nxt = problem.linearise(new, free, scale)
-        def merit(p): return p.cost / point.cost + penalty * np.maximum(-p.slack, 0.0).max()
-        better = merit(nxt) < merit(point) and abs(problem.winding(new) - winding) < 1.0
-        if verbose: print(it, nxt.cost, nxt.slack.min(), better, radius)
-        if better:
-            gain = merit(point) - merit(nxt)
-            here, point = new, nxt
-            radius = min(2 * radius, 1.0)
-            floor *= 0.5
-            if gain < 1e-5 and radius > 0.05: break
-        else:
-            radius *= 0.3
-            if radius < 1e-4: break
-    return Optimum(here, point.cost, float(point.slack.min()))
-
-
-def constrained_step(hessian, gradient, slack, slope, low, high):
-    """min d'Hd/2 + g'd subject to slack + slope d >= 0 as far as possible and low <= d <= high."""
-    from scipy.optimize import nnls
-    n = len(gradient)
-    h = hessian + np.eye(n) * (1e-9 * np.trace(hessian) / n+1e-300)
-    lower = np.linalg.cholesky(h)
-    free = -np.linalg.solve(lower, gradient)
-    matrix = np.vstack([slope, np.eye(n), -np.eye(n)])
-    g = np.linalg.solve(lower, matrix.T).T
-    for share in (1.0, 0.5, 0.1, 0.0):
-        need = -np.where(slack < 0, share * slack, slack)
-        bound = np.concatenate([need, low, -high]) - g @ free
-        norm = np.abs(bound).max() + 1e-300
-        e = np.vstack([g.T, bound / norm])
-        f = np.zeros(n + 1); f[n] = 1.0
-        u, rest = nnls(e, f)
-        r = e @ u - f
-        if -r[n] > 1e-10:
-            z = -r[:n] / r[n] * norm
-            return np.linalg.solve(lower.T, z + free)
-    return np.zeros(n)
+    largest = fits.shape[1] - 1 - fits[:, ::-1].argmax(axis=1)
+    return np.asarray(tried[np.arange(len(shapes)), np.where(fits.any(axis=1), largest, worst.argmax(axis=1))])

@@ -22,7 +22,7 @@ Transforms = Callable[[Complexes], Complexes]
 """From points s, shape (m,), to the transforms of k signals there, shape (k, m)."""
 
 TOLERANCE = 1e-6  # two numbers of points must agree to this before either is believed
-_LEAK = 1e-9  # of the line itself and of rounding, whatever the number of points
+_LEAK = 1e-8  # of the line itself and of rounding, whatever the number of points
 _DAMPING = 23.0  # exp(-23) = 1e-10: what one period of the Fourier series leaks into the next
 _WINDOW_RATIO = 8
 _MOST_WINDOWS = 16

@@ -6,7 +6,6 @@ sum and product of them. They are therefore closed under series, parallel and fe
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -190,7 +189,7 @@ def _lag(s: Complexes, delay: float) -> Complexes | float:
 
 def number_text(value: float) -> str:
     """The shortest decimal that reads back as the same number."""
-    return repr(int(value)) if value == math.floor(value) and abs(value) < 1e15 else repr(float(value))
+    return repr(int(value)) if float(value).is_integer() and abs(value) < 1e15 else repr(float(value))
 
 
 def _term_text(term: Term, *, first: bool) -> str:

@@ -81,8 +81,7 @@ def _verdict(characteristic: QuasiPolynomial) -> Stability:
     count, margin, decided = int(zeros.count[0]), float(zeros.margin[0]), bool(zeros.decided[0])
     if zeros.neutral_gain[0] > 1.0 + BORDER:
         return Stability(False, -1, True, 0.0, "infinitely many unstable poles: the delayed loop gain stays above 1")
-    at_origin = characteristic.lowest_order > 0.0
-    if at_origin or characteristic.sum_of_order(0.0) == 0.0:
+    if zeros.origin_order[0] > 0.0 or characteristic.sum_of_order(0.0) == 0.0:
         return Stability(False, count, True, 0.0, "a pole at the origin")
     if not decided:
         return Stability(False, -1, False, min(margin, BORDER), "too close to the border to call")
@@ -122,7 +121,7 @@ def stable_mask(process: Process, gains: ArrayLike) -> Booleans:
 
 def _stable_chunk(process: Process, rows: Floats) -> Booleans:
     zeros = count_zeros(*_characteristic_terms(process, rows), _MOST_INTERVALS_EACH)
-    stable: Booleans = zeros.decided & (zeros.count == 0)
+    stable: Booleans = zeros.decided & (zeros.count == 0) & (zeros.origin_order == 0.0)
     return stable
 
 

@@ -44,6 +44,8 @@ class Zeros:
     neutral_gain : ndarray of float, shape (n,)
         Sum of the delayed leading coefficients over the undelayed one; from 1 on there are infinitely many zeros to the
         right, or would be after an arbitrarily small change of the delays. Infinite for advanced type.
+    origin_order : ndarray of float, shape (n,)
+        The power of s that was taken out; above 0 there is a zero at the origin, which ``count`` leaves out.
     log_frequency : ndarray of float, shape (m,)
         All points of all grids, ascending: dense where a zero is near the axis.
     """
@@ -52,6 +54,7 @@ class Zeros:
     margin: Floats
     decided: Booleans
     neutral_gain: Floats
+    origin_order: Floats
     log_frequency: Floats
 
 
@@ -88,7 +91,7 @@ def count_zeros(coefficients: Floats, orders: Floats, delays: Floats, most_inter
     raw = family.top_order / 2.0 - phase / np.pi
     count = np.rint(raw)
     decided = certain & family.well_posed & (np.abs(raw - count) < 0.01) & (count >= 0)
-    return Zeros(np.where(decided, count, -1).astype(np.int64), margin, decided, family.neutral_gain, grid)
+    return Zeros(np.where(decided, count, -1).astype(np.int64), margin, decided, family.neutral_gain, family.origin_order, grid)
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,7 @@ class _Family:
     top_order: Floats  # (n,)
     top_sign: Floats  # (n,)
     neutral_gain: Floats  # (n,)
+    origin_order: Floats  # (n,): the lowest order before it was taken out
     start: Floats  # (n,): ln w below which the lowest term outweighs the rest
     end: Floats  # (n,): ln w above which the highest one does
     well_posed: Booleans  # (n,)
@@ -110,7 +114,8 @@ class _Family:
     @staticmethod
     def of(coefficients: Floats, orders: Floats, delays: Floats) -> _Family:
         active = coefficients != 0.0
-        orders = orders - np.min(np.where(active, orders, np.inf), axis=1, keepdims=True)
+        origin_order = np.min(np.where(active, orders, np.inf), axis=1)
+        orders = orders - origin_order[:, None]
         delays = delays - np.min(delays[np.any(active, axis=0)])
         size = np.abs(coefficients)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -122,7 +127,7 @@ class _Family:
         phasors = np.sign(coefficients) * np.exp(0.5j * np.pi * np.where(active, orders, 0.0))
         orders = np.where(active, orders, 0.0)
         end = np.maximum(end, start + 1.0)
-        return _Family(log_size, orders, delays, phasors, low, top_order, np.sign(top), gain, start, end, well_posed)
+        return _Family(log_size, orders, delays, phasors, low, top_order, np.sign(top), gain, origin_order, start, end, well_posed)
 
     def values(self, owner: Indexes, z: Floats) -> tuple[Floats, Floats, Complexes]:
         """Shares of the terms (m, k), ln of their sum (m,) and the value over that sum (m,)."""

@@ -183,7 +183,7 @@ def _checked(content: Any, kind: type, where: str) -> dict[str, Any]:
         if kinds and (not isinstance(value, kinds) or isinstance(value, bool)):
             raise InputError(f"{where}, {key} = {value!r}; allowed: a {' or '.join(k.__name__ for k in kinds)}")
     missing = [name for name in ("process", "phases", "name", "duration") if name in known and name not in content]
-    if missing and kind is not Experiment or "process" in missing:
+    if (missing and kind is not Experiment) or "process" in missing:
         raise InputError(f"{where} lacks the key {missing[0]!r}")
     return dict(content)
 
