@@ -14,6 +14,7 @@ from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import ParameterEvent
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -107,6 +108,18 @@ class ExperimentNode(Node):
                 if time.monotonic() > deadline:
                     raise InputError(f"{missing} (domain {self.context.get_domain_id()})")
                 self.spin(SLICE)
+        self._refuse_a_second_loop()
+
+    def _refuse_a_second_loop(self) -> None:
+        """Two plants or controllers on the same topics would drive each other's loop."""
+        for topic in ("measurement", "control"):
+            names = [f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+                     for info in self.get_publishers_info_by_topic(topic)]  # fmt: skip
+            if len(names) > 1:
+                raise InputError(
+                    f"{len(names)} nodes publish {topic!r} in domain {self.context.get_domain_id()}: "
+                    f"{', '.join(sorted(names))}; allowed: one. Set ROS_DOMAIN_ID or a namespace of your own"
+                )
 
     def begin_phase(self, phase: Phase) -> None:
         """Make the changes a phase starts with; in lockstep all are in place before the loop goes on."""
@@ -294,10 +307,11 @@ def main(args: Sequence[str] | None = None) -> int:
     console = Console(stderr=True)
     try:
         experiment = read_experiment(options.file)
-    except InputError as error:
+        check_domain()
+        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+    except (InputError, RCLError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     folder = options.out or run_folder(experiment.name)
     try:
         code = conduct(experiment, folder, console)

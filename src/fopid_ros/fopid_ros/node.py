@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
@@ -28,6 +29,7 @@ from fopid_core.errors import InputError
 from fopid_ros.parameters import Spec, check_changes, declare, values
 
 FOREVER = 1e8  # [s]
+LAST_DOMAIN = 232  # its UDP ports are the last below 65536
 LOCKSTEP_DEPTH = 1000
 """Depth of the loop's publishers in lockstep: a recorder that falls behind loses nothing."""
 
@@ -179,6 +181,7 @@ def run(
         return 0
     stop = StopSignal()
     try:
+        check_domain()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = node_class()
     except (InputError, InvalidNodeNameException, InvalidNamespaceException, RCLError) as error:
@@ -197,6 +200,13 @@ def run(
     node.destroy_node()
     rclpy.try_shutdown()
     return 0
+
+
+def check_domain() -> None:
+    """Raise InputError for a domain that the transport has no ports for: it would end the process outright."""
+    text = os.environ.get("ROS_DOMAIN_ID", "0").strip()
+    if text.isdecimal() and int(text) > LAST_DOMAIN:
+        raise InputError(f"ROS_DOMAIN_ID = {text}; allowed: 0 to {LAST_DOMAIN}")
 
 
 def _spin_until(stop: threading.Event, node: ManagedNode, executor: Executor) -> None:

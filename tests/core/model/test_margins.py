@@ -23,7 +23,7 @@ INTEGER_LOOPS = [
     ("(1-0.5s)/((s+1)(2s+1))", (0.8, 0.3, 0.2)),
     ("2/((s-1)(0.1s+1))", (3.0, 1.0, 0.1)),
     ("1/(s^2+0.02s+1)", (0.5, 0.2, 1.0)),
-    ("4/((s+1)(s^2+0.01s+4))", (0.3, 0.2, 0.0)),
+    ("4/((s+1)(s^2+0.01s+4))", (0.008, 0.002, 0.0)),
 ]
 FRACTIONAL_LOOPS = [
     ("P1", (2.9692, 0.8028, 1.3394, 1.0138, 0.6074)),
@@ -63,7 +63,7 @@ def test_peaks_are_the_largest_values_on_a_fine_grid(process: str, gains: tuple[
     found = margins(loop)
     for peak, brute in ((found.ms, abs(1 / (1 + value))), (found.mt, abs(value / (1 + value)))):
         assert brute.max() * (1 - 1e-12) <= peak
-        assert peak == pytest.approx(brute.max(), rel=1e-4)
+        assert peak == pytest.approx(brute.max(), rel=1e-3)  # the grid's step over the sharpest resonance, squared
     assert found.jitter_margin <= 1.0 / np.max(w * abs(value / (1 + value))) * (1 + 1e-9)
 
 

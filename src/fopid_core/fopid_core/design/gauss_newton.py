@@ -20,7 +20,7 @@ Real = NDArray[np.float64]
 
 INSIDE = 1e-4
 """How far inside a bound a step aims, relative: the bound is then met in spite of its curvature."""
-PENALTY = 100.0
+PENALTY = 30.0
 """Weight of the most broken bound, relative, against the cost, relative."""
 TRIALS = np.array([0.25, 1.0, 2.0, 4.0])
 """Multiples of a step that are tried at once: reweighting alone makes steps too short."""
@@ -101,6 +101,9 @@ def _step(problem: TimeProblem, descent: Descent, point: Linearised, winding: fl
     step = _solve(point, descent.floor, np.maximum(low - x, -reach), np.minimum(high - x, reach))
     rows = np.repeat(descent.gains[None], len(TRIALS), axis=0)
     rows[:, free] = np.clip(x + TRIALS[:, None] * step, low, high) * unit
+    for row, slack in zip(rows, problem.slack(rows), strict=True):
+        if slack.min() < 0.0:
+            row[free] = np.clip(row[free] / unit + _restoring(point, slack), low, high) * unit
     cost, slack = problem.cost_and_slack(rows)
     tried = [Descent(row, float(c), float(s.min())) for row, c, s in zip(rows, cost, slack, strict=True)]
     best = int(np.argmin([trial.merit for trial in tried]))
@@ -128,6 +131,12 @@ def _solve(point: Linearised, floor: float, low: Real, high: Real) -> Real:
         if nearest is not None:
             return np.asarray(np.linalg.solve(root.T, newton + nearest))
     return np.zeros(len(low))
+
+
+def _restoring(point: Linearised, slack: Real) -> Real:
+    """The shortest step back inside the bounds, which curve away from where they were linearised."""
+    step = least_distance(point.slack_slopes, INSIDE - slack)
+    return np.zeros(point.slack_slopes.shape[1]) if step is None else step
 
 
 def least_distance(matrix: Real, bound: Real) -> Real | None:

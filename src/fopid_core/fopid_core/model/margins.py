@@ -19,6 +19,8 @@ Curve = Callable[[Floats], Floats]
 _LOG_STEP = 0.04  # 58 points a decade, more where a zero of 1 + L, or a pole or zero of L, is near the axis
 _TURN_STEP = 0.1  # rad of the delay's phase between points
 _MOST_TURN_POINTS = 40_000
+_LARGEST_CHANGE = 0.5  # of ln L between neighbours: rad of phase, or ln of gain
+_MOST_HALVINGS = 30
 _LEVEL = 1e-12  # an angle to the real axis that is rounding
 
 
@@ -85,7 +87,7 @@ def margins(loop: Loop) -> Margins:
     if loop.forward.is_zero:
         return _without_feedback(loop)
     z, stable = _grid(loop)
-    response = loop(1j * np.exp(z))
+    z, response = _refined(loop, z)
     crossovers = _crossings(lambda x: np.log(np.abs(loop(1j * np.exp(x)))), z, np.log(np.abs(response)))
     phase_margin, crossover, delay_margin, slope = _phase_margin(loop, crossovers)
     phase_crossovers = _phase_crossings(loop, z, response)
@@ -103,7 +105,7 @@ def margins(loop: Loop) -> Margins:
 
 
 def _without_feedback(loop: Loop) -> Margins:
-    delay = math.inf if right_half_plane_zeros(loop.characteristic).count[0] == 0 else 0.0
+    delay = math.inf if right_half_plane_zeros(loop.characteristic).all_left[0] else 0.0
     inf, nan = math.inf, math.nan
     return Margins(inf, nan, inf, nan, delay, delay, 1.0, 0.0, 0.0, 0.0, nan, (), ())
 
@@ -133,8 +135,21 @@ def _grid(loop: Loop) -> tuple[Floats, bool]:
         parts.append(np.log(turns / delay))
         high = max(high, float(parts[-1][-1]))
     parts.append(np.linspace(low, high, math.ceil((high - low) / _LOG_STEP) + 1))
-    stable = bool(closed.decided[0]) and closed.count[0] == 0 and loop.characteristic.lowest_order == 0.0
-    return np.unique(np.concatenate(parts)), stable
+    return np.unique(np.concatenate(parts)), bool(closed.all_left[0])
+
+
+def _refined(loop: Loop, z: Floats) -> tuple[Floats, Complexes]:
+    """The grid with points put in until gain and phase of L change little from each to the next."""
+    response = loop(1j * np.exp(z))
+    for _ in range(_MOST_HALVINGS):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            wide = np.flatnonzero(np.abs(np.log(response[1:] / response[:-1])) > _LARGEST_CHANGE)
+        if wide.size == 0:
+            break
+        middle = 0.5 * (z[wide] + z[wide + 1])
+        z = np.insert(z, wide + 1, middle)
+        response = np.insert(response, wide + 1, loop(1j * np.exp(middle)))
+    return z, response
 
 
 def _crossings(curve: Curve, z: Floats, values: Floats) -> Floats:
@@ -210,7 +225,7 @@ def _limits(numerator: QuasiPolynomial, denominator: QuasiPolynomial) -> tuple[f
     level = [abs(t.coefficient) for t in denominator.terms if t.order == lead.order and t != lead]
     room = abs(lead.coefficient) - sum(level)
     top = sum(abs(t.coefficient) for t in numerator.terms if t.order == numerator.degree)
-    return zero, (top / room if room > 0.0 else math.inf) * _power_at_zero(lead.order - numerator.degree)
+    return zero, top / room * _power_at_zero(lead.order - numerator.degree) if room > 0.0 else math.inf
 
 
 def _power_at_zero(order: float) -> float:

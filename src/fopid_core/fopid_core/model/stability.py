@@ -121,8 +121,7 @@ def stable_mask(process: Process, gains: ArrayLike) -> Booleans:
 
 def _stable_chunk(process: Process, rows: Floats) -> Booleans:
     zeros = count_zeros(*_characteristic_terms(process, rows), _MOST_INTERVALS_EACH)
-    stable: Booleans = zeros.decided & (zeros.count == 0) & (zeros.origin_order == 0.0)
-    return stable
+    return zeros.all_left
 
 
 def _characteristic_terms(process: Process, rows: Floats) -> tuple[Floats, Floats, Floats]:

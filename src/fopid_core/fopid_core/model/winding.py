@@ -57,6 +57,11 @@ class Zeros:
     origin_order: Floats
     log_frequency: Floats
 
+    @property
+    def all_left(self) -> Booleans:
+        """Whether every zero lies to the left of the imaginary axis, for certain; shape (n,)."""
+        return self.decided & (self.count == 0) & (self.origin_order == 0.0)
+
 
 def right_half_plane_zeros(function: QuasiPolynomial) -> Zeros:
     """The zeros of one quasi-polynomial to the right of the imaginary axis; a power of s is left out.

@@ -187,7 +187,7 @@ def _run(
     start = 0 if start < SIMULATED_BELOW else start
 
     def each(key: str) -> Iterator[tuple[float, Any]]:
-        return (((stamp - start) * 1e-9, message) for stamp, message in messages.get(key, []))
+        return (((stamp - start) / 1e9, message) for stamp, message in messages.get(key, []))
 
     state = _columns(each(STATE))
     signals = {name: Signal(state["time"], state[name]) for name in SIGNALS if name in state}
@@ -247,7 +247,7 @@ def _columns(messages: Iterable[tuple[float, Any]]) -> dict[str, Floats]:
     if not rows:
         return {}
     first = rows[0][1]
-    names = [f.name for f in fields(first) if isinstance(getattr(first, f.name), (bool, int, float))]
+    names = [f.name for f in fields(first) if f.name.islower() and isinstance(getattr(first, f.name), (int, float))]
     columns = {name: np.array([float(getattr(message, name)) for _, message in rows]) for name in names}
     return {"time": np.array([time for time, _ in rows]), **columns}
 

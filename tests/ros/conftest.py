@@ -1,0 +1,179 @@
+"""A loop of real nodes in processes of their own, on a ROS domain that nobody else uses."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from domain_coordinator import domain_id
+from rclpy.context import Context
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import QoSProfile
+from rclpy.task import Future
+
+from fopid_msgs.msg import FopidState, ScalarStamped
+from fopid_msgs.srv import Advance
+from fopid_ros.processes import ros_arguments
+
+BIN = Path(sys.executable).parent
+PATIENCE = 30.0
+DEEP = QoSProfile(depth=100_000)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.ros)
+
+
+class Graph:
+    """Starts nodes, talks to them, ends them."""
+
+    def __init__(self, domain: int, folder: Path) -> None:
+        self.environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "OPENBLAS_NUM_THREADS": "1",
+        }
+        self.domain = domain
+        self._folder = folder
+        self._processes: list[subprocess.Popen[str]] = []
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node("tester", context=self.context)
+        self.executor = EventsExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def start(self, executable: str, parameters: Mapping[str, object], *more: str) -> subprocess.Popen[str]:
+        """Start an executable; its output goes to a file that ``output`` reads."""
+        log = self._folder / f"{executable}-{len(self._processes)}.log"
+        with log.open("w") as sink:
+            process = subprocess.Popen(
+                [BIN / executable, *ros_arguments(parameters), *more], env=self.environment, stdin=subprocess.DEVNULL,
+                stdout=sink, stderr=subprocess.STDOUT, text=True,
+            )  # fmt: skip
+        process.log = log
+        self._processes.append(process)
+        return process
+
+    def spin(self, seconds: float) -> None:
+        self.executor.spin_until_future_complete(Future(), timeout_sec=seconds)
+
+    def until(self, ready: Callable[[], object], what: str, patience: float = PATIENCE) -> None:
+        deadline = time.monotonic() + patience
+        while not ready():
+            assert time.monotonic() < deadline, f"{what} within {patience} s; logs: {self.logs()}"
+            self.spin(0.02)
+
+    def logs(self) -> str:
+        return "\n".join(process.log.read_text() for process in self._processes)
+
+    def result(self, future: Future, patience: float = PATIENCE) -> Any:
+        self.until(future.done, "an answer", patience)
+        return future.result()
+
+    def client(self, kind: type, name: str) -> Any:
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready, f"the service {name}")
+        return client
+
+    def call(self, kind: type, name: str, request: Any = None, patience: float = PATIENCE) -> Any:
+        client = self.client(kind, name)
+        return self.result(client.call_async(request if request is not None else kind.Request()), patience)
+
+    def listen(self, kind: type, topic: str, qos: QoSProfile = DEEP) -> list[Any]:
+        """All messages of a topic from now on, newest last."""
+        messages: list[Any] = []
+        self.node.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def parameters(self, node: str) -> AsyncParameterClient:
+        client = AsyncParameterClient(self.node, node)
+        self.until(client.services_are_ready, f"parameters of {node}")
+        return client
+
+    def set(self, node: str, **values: object) -> Any:
+        """Set parameters atomically; dots in names are written as two underscores."""
+        changes = [Parameter(name.replace("__", "."), value=value) for name, value in values.items()]
+        return self.result(self.parameters(node).set_parameters_atomically(changes)).result
+
+    def get(self, node: str, *names: str) -> list[Any]:
+        from rclpy.parameter import parameter_value_to_python
+
+        answer = self.result(self.parameters(node).get_parameters(list(names)))
+        return [parameter_value_to_python(value) for value in answer.values]
+
+    def close(self) -> None:
+        for process in self._processes:
+            if process.poll() is None:
+                process.terminate()
+        for process in self._processes:
+            try:
+                process.wait(5)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        self.node.destroy_node()
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)
+
+
+class LockstepLoop:
+    """Plant and controller in lockstep; time stands still except in ``advance``."""
+
+    def __init__(self, graph: Graph, process: str, gains: Mapping[str, float], sample_time: float = 0.01,
+                 plant: Mapping[str, object] | None = None, controller: Mapping[str, object] | None = None,
+                 namespace: str = "") -> None:  # fmt: skip
+        self.graph, self.prefix = graph, f"/{namespace}/" if namespace else "/"
+        remap = ["-r", f"__ns:=/{namespace}", "-r", "/clock:=clock"] if namespace else []
+        common = {"trigger": "lockstep", "sample_time": sample_time}
+        node = graph.node
+        self.measurements = graph.listen(ScalarStamped, f"{self.prefix}measurement")
+        self.controls = graph.listen(ScalarStamped, f"{self.prefix}control")
+        self.states = graph.listen(FopidState, f"{self.prefix}fopid_controller/state")
+        self._setpoint = node.create_publisher(ScalarStamped, f"{self.prefix}setpoint", 1)
+        self._disturbance = node.create_publisher(ScalarStamped, f"{self.prefix}disturbance", 1)
+        plant_parameters = {**common, "process": process, "advance_until": 0.0, **(plant or {})}
+        self.plant = graph.start("plant_simulator", plant_parameters, *remap)
+        self.controller = graph.start("fopid_controller", {**common, **gains, **(controller or {})}, *remap)
+        self._advance = graph.client(Advance, f"{self.prefix}plant_simulator/advance")
+        graph.until(self._setpoint.get_subscription_count, "the controller")
+        graph.until(self._disturbance.get_subscription_count, "the plant")
+        graph.until(lambda: graph.node.count_publishers(f"{self.prefix}control"), "the controller")
+        graph.spin(0.3)
+
+    def publish(self, signal: str, value: float) -> None:
+        from rclpy.duration import Duration
+
+        publisher = self._setpoint if signal == "setpoint" else self._disturbance
+        publisher.publish(ScalarStamped(value=value))
+        assert publisher.wait_for_all_acked(Duration(seconds=5))
+
+    def advance(self, until: float) -> None:
+        def reached() -> bool:
+            answer = self.graph.result(self._advance.call_async(Advance.Request(until=until)))
+            return answer.success
+
+        self.graph.until(reached, f"the loop at {until} s")
+        self.graph.spin(0.2)
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[Graph]:
+    with domain_id() as domain:
+        graph = Graph(domain, tmp_path)
+        try:
+            yield graph
+        finally:
+            graph.close()
