@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fopid_core.errors import InputError
 from fopid_core.model.arrays import Complexes, Floats
 
 Transforms = Callable[[Complexes], Complexes]
@@ -28,8 +27,6 @@ _WINDOW_RATIO = 8
 _MOST_WINDOWS = 16
 _FAST_INSTANTS = 20.0  # the first window is so many times 1 / rate long
 _FEWEST_POINTS, _MOST_POINTS = 1 << 11, 1 << 19
-_GROWTH_STEP, _MOST_GROWTH = 10.0, 600.0
-_GROWTH_AGREEMENT = 1e-4
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ def fastest_rate(horizon: float) -> float:
     return float(_FAST_INSTANTS * _WINDOW_RATIO**_MOST_WINDOWS / horizon)
 
 
-def invert(transforms: Transforms, horizon: float, rate: float, bounded: bool) -> tuple[Piece, ...]:
+def invert(transforms: Transforms, horizon: float, rate: float, growth: float = 0.0) -> tuple[Piece, ...]:
     """Signals from their transforms.
 
     Parameters
@@ -65,8 +62,8 @@ def invert(transforms: Transforms, horizon: float, rate: float, bounded: bool) -
         Last instant [s].
     rate : float
         How fast the signals change at first [1/s].
-    bounded : bool
-        Whether the signals are known not to grow exponentially; otherwise their growth is found out.
+    growth : float
+        No signal grows faster than exp(growth * t) [1/s].
 
     Returns
     -------
@@ -75,11 +72,10 @@ def invert(transforms: Transforms, horizon: float, rate: float, bounded: bool) -
 
     Examples
     --------
-    >>> (piece,) = invert(lambda s: 1.0 / (s + 1.0)[None, :] ** 2, horizon=2.0, rate=1.0, bounded=True)
+    >>> (piece,) = invert(lambda s: 1.0 / (s + 1.0)[None, :] ** 2, horizon=2.0, rate=1.0)
     >>> round(float(piece.values[0, -1]), 6)  # t exp(-t)
     0.270671
     """
-    growth = 0.0 if bounded else _growth(transforms, horizon) / horizon
     count = math.ceil(math.log(max(rate * horizon / _FAST_INSTANTS, 1.0), _WINDOW_RATIO))
     edges = [0.0, *(horizon / _WINDOW_RATIO**k for k in range(min(count, _MOST_WINDOWS), -1, -1))]
     return tuple(_window(transforms, first, last, growth) for first, last in itertools.pairwise(edges))
@@ -134,17 +130,3 @@ def _taper(size: int) -> Floats:
 
     values: Floats = 0.5 * erfc(18.0 * (np.linspace(0.0, 1.0, size) - 0.75))
     return values
-
-
-def _growth(transforms: Transforms, horizon: float) -> float:
-    """By how many e-folds the signals grow, from the first line that the next one to the right confirms."""
-    start = _FEWEST_POINTS // (2 * _WINDOW_RATIO)
-    here = _samples(transforms, horizon, _FEWEST_POINTS, 0.0)
-    for growth in np.arange(0.0, _MOST_GROWTH, _GROWTH_STEP):
-        following = _samples(transforms, horizon, _FEWEST_POINTS, (growth + _GROWTH_STEP) / horizon)
-        if _gap(following[:, start:], here[:, start:]).max() < _GROWTH_AGREEMENT:
-            return float(growth)
-        here = following
-    raise InputError(
-        f"horizon = {horizon:g} s: the loop is unstable and grows beyond all numbers; allowed: a shorter one"
-    )

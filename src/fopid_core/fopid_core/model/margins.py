@@ -10,6 +10,7 @@ import numpy as np
 
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.asymptotics import leading_term
+from fopid_core.model.curves import follow
 from fopid_core.model.loop import Loop
 from fopid_core.model.quasipolynomial import QuasiPolynomial
 from fopid_core.model.winding import right_half_plane_zeros
@@ -19,8 +20,6 @@ Curve = Callable[[Floats], Floats]
 _LOG_STEP = 0.04  # 58 points a decade, more where a zero of 1 + L, or a pole or zero of L, is near the axis
 _TURN_STEP = 0.1  # rad of the delay's phase between points
 _MOST_TURN_POINTS = 40_000
-_LARGEST_CHANGE = 0.5  # of ln L between neighbours: rad of phase, or ln of gain
-_MOST_HALVINGS = 30
 _LEVEL = 1e-12  # an angle to the real axis that is rounding
 
 
@@ -87,7 +86,7 @@ def margins(loop: Loop) -> Margins:
     if loop.forward.is_zero:
         return _without_feedback(loop)
     z, stable = _grid(loop)
-    z, response = _refined(loop, z)
+    z, response = follow(lambda x: loop(1j * np.exp(x)), z)
     crossovers = _crossings(lambda x: np.log(np.abs(loop(1j * np.exp(x)))), z, np.log(np.abs(response)))
     phase_margin, crossover, delay_margin, slope = _phase_margin(loop, crossovers)
     phase_crossovers = _phase_crossings(loop, z, response)
@@ -136,20 +135,6 @@ def _grid(loop: Loop) -> tuple[Floats, bool]:
         high = max(high, float(parts[-1][-1]))
     parts.append(np.linspace(low, high, math.ceil((high - low) / _LOG_STEP) + 1))
     return np.unique(np.concatenate(parts)), bool(closed.all_left[0])
-
-
-def _refined(loop: Loop, z: Floats) -> tuple[Floats, Complexes]:
-    """The grid with points put in until gain and phase of L change little from each to the next."""
-    response = loop(1j * np.exp(z))
-    for _ in range(_MOST_HALVINGS):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            wide = np.flatnonzero(np.abs(np.log(response[1:] / response[:-1])) > _LARGEST_CHANGE)
-        if wide.size == 0:
-            break
-        middle = 0.5 * (z[wide] + z[wide + 1])
-        z = np.insert(z, wide + 1, middle)
-        response = np.insert(response, wide + 1, loop(1j * np.exp(middle)))
-    return z, response
 
 
 def _crossings(curve: Curve, z: Floats, values: Floats) -> Floats:

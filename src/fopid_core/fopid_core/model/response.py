@@ -15,6 +15,7 @@ import numpy as np
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.asymptotics import SingularPart, expansion_at_infinity, fast_rate, leading_term
+from fopid_core.model.growth import growth_bound
 from fopid_core.model.inversion import fastest_rate, invert, values_at
 from fopid_core.model.loop import Loop
 from fopid_core.model.quasipolynomial import QuasiPolynomial
@@ -22,6 +23,7 @@ from fopid_core.model.stability import stability
 
 Source = Literal["setpoint", "load"]
 
+_LARGEST_EXPONENT = 600.0  # exp(700) overflows
 _HIGHEST_POWER = 4.0  # once the sudden part is out, the transforms fall faster than s**-4
 
 
@@ -92,7 +94,7 @@ def step_response(loop: Loop, horizon: float, source: Source = "setpoint", point
         known = np.stack([part.transform(s) for part in sudden])
         return np.stack(_transforms(loop, s, source)) - known
 
-    pieces = invert(remainders, horizon, rate, bounded=stability(loop).stable)
+    pieces = invert(remainders, horizon, rate, _growth(loop, horizon))
     if points is None:
         time, smooth = np.concatenate([p.time for p in pieces]), np.concatenate([p.values for p in pieces], axis=1)
     else:
@@ -123,6 +125,20 @@ def _numerators(loop: Loop, source: Source) -> tuple[QuasiPolynomial, QuasiPolyn
     if source == "setpoint":
         return loop.forward, loop.controller.numerator * loop.process.denominator
     return loop.process.numerator.shifted(loop.controller.integral_order), -loop.forward
+
+
+def _growth(loop: Loop, horizon: float) -> float:
+    """A bound on the exponential growth of a loop that is not stable [1/s]."""
+    verdict = stability(loop)
+    if verdict.unstable_poles == 0 or not verdict.decided:  # on the border nothing grows by much
+        return 0.0
+    growth = growth_bound(loop.characteristic, _LARGEST_EXPONENT / horizon)
+    if math.isinf(growth):
+        raise InputError(
+            f"horizon = {horizon:g} s: the unstable loop grows by more than exp({_LARGEST_EXPONENT:g}) until then; "
+            "allowed: a shorter one"
+        )
+    return growth
 
 
 def _sudden_part(loop: Loop, numerator: QuasiPolynomial, horizon: float, rate: float) -> SingularPart:

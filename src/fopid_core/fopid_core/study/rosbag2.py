@@ -156,7 +156,7 @@ def dump(value: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> str:
 
 
 class _PlainDumper(yaml.SafeDumper):
-    def ignore_aliases(self, data: Any) -> bool:
+    def ignore_aliases(self, _data: Any) -> bool:
         return True
 
 
