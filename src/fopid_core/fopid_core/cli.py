@@ -19,9 +19,10 @@ from fopid_core.cli_output import emit
 from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
-    from fopid_core.model.evaluation import Evaluation, StepMeasures
+    from fopid_core.model.evaluation import Method, StepMeasures
     from fopid_core.model.loop import Loop
     from fopid_core.model.margins import Margins
+    from fopid_core.model.response import Source
 
 BAD_INPUT = 2
 
@@ -83,7 +84,7 @@ def read_loop(process: str, gains: str) -> Loop:
 @click.option("--step", "sample_time", type=float, default=0.01, show_default=True, metavar="S", help="For gl1 [s].")
 @as_json
 def evaluate_verb(
-    process: str, gains: str, horizon: float | None, method: str, sample_time: float, as_json: bool
+    process: str, gains: str, horizon: float | None, method: Method, sample_time: float, as_json: bool
 ) -> None:
     """Judge a controller: stability, margins, indices of a setpoint step."""
     from fopid_core.model.evaluation import evaluate
@@ -137,11 +138,11 @@ def _step_rows(step: StepMeasures | None) -> dict[str, Any]:
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: png, svg or pdf.")
 @as_json
 def step_verb(
-    process: str, gains: str, horizon: float | None, source: str, points: int, plot: Path | None, as_json: bool
+    process: str, gains: str, horizon: float | None, source: Source, points: int, plot: Path | None, as_json: bool
 ) -> None:
     """The response to a unit step of the setpoint or the load."""
     from fopid_core.cli_plots import plot_response
-    from fopid_core.model.evaluation import StepMeasures, default_horizon
+    from fopid_core.model.evaluation import default_horizon
     from fopid_core.model.response import step_response
 
     loop = read_loop(process, gains)

@@ -199,9 +199,7 @@ def test_a_fractional_lag_with_delay_turns_unstable_at_its_known_delay(alpha: fl
     assert stability(Loop(process, Fopid(1.0))).unstable_poles == (0 if factor < 1.0 else 2)
 
 
-@pytest.mark.parametrize(
-    ("kd", "stable"), [(0.99, True), (1.01, False), (-0.99, True), (-1.01, False)]
-)
+@pytest.mark.parametrize(("kd", "stable"), [(0.99, True), (1.01, False), (-0.99, True), (-1.01, False)])
 def test_a_neutral_loop_is_stable_only_below_gain_one_at_infinity(kd: float, stable: bool) -> None:
     verdict = stability(Loop(Process.parse("1/(s+1)*exp(-0.1s)"), Fopid(0.1, 0.0, kd)))
     assert verdict.decided

@@ -63,7 +63,7 @@ def _is_clear(function: QuasiPolynomial, line: float) -> bool:
     turned += float(np.sum(np.angle(values[1:] / values[:-1])))
     end = line + 1j * np.exp(z[-1])
     turned += lead.order * (0.5 * math.pi - np.angle(end)) - float(np.angle(values[-1] / end**lead.order))
-    return round(0.5 * lead.order - turned / math.pi) == 0
+    return bool(round(0.5 * lead.order - turned / math.pi) == 0)
 
 
 def _grid(function: QuasiPolynomial, line: float) -> Floats:

@@ -18,8 +18,10 @@ from fopid_core.model.winding import right_half_plane_zeros
 Curve = Callable[[Floats], Floats]
 
 _LOG_STEP = 0.04  # 58 points a decade, more where a zero of 1 + L, or a pole or zero of L, is near the axis
-_TURN_STEP = 0.1  # rad of the delay's phase between points
-_MOST_TURN_POINTS = 40_000
+_TURN_STEP = 0.1  # of the delay's phase between points [rad]
+_LAST_TURNS = 4.0 * math.pi  # of the delay's phase that are looked at after abs(L) has become quiet [rad]
+_MOST_TURNS = 2000.0  # [rad]
+_QUIET = 0.3
 _LEVEL = 1e-12  # an angle to the real axis that is rounding
 
 
@@ -71,8 +73,8 @@ def margins(loop: Loop) -> Margins:
     """Margins of a loop.
 
     The gain and phase margins describe the curve whether or not the loop is stable; ask ``stability`` which. The delay
-    and jitter margins of a loop that is not stable are 0. Phase crossovers are listed up to two turns of the delay past
-    the frequency above which abs(L) stays below 1.
+    and jitter margins of a loop that is not stable are 0. With a delay, phase crossovers are listed up to two turns of
+    it past the frequency above which abs(L) stays below 0.3.
 
     Examples
     --------
@@ -126,15 +128,14 @@ def _grid(loop: Loop) -> tuple[Floats, bool]:
     closed, *others = (right_half_plane_zeros(f) for f in (loop.characteristic, loop.process.denominator, loop.forward))
     dense = np.concatenate([closed.log_frequency, *(zeros.log_frequency for zeros in others)])
     low, high = dense.min() - 1.0, dense.max() + 1.0
-    parts = [dense]
+    z = np.union1d(dense, np.linspace(low, high, math.ceil((high - low) / _LOG_STEP) + 1))
     delay = max(t.delay for t in loop.characteristic.terms)
     if delay:
-        last_turn = math.exp(closed.log_frequency[-1]) * delay + 4.0 * math.pi
-        turns = np.linspace(_TURN_STEP, last_turn, min(math.ceil(last_turn / _TURN_STEP), _MOST_TURN_POINTS))
-        parts.append(np.log(turns / delay))
-        high = max(high, float(parts[-1][-1]))
-    parts.append(np.linspace(low, high, math.ceil((high - low) / _LOG_STEP) + 1))
-    return np.unique(np.concatenate(parts)), bool(closed.all_left[0])
+        loud = z[np.abs(loop(1j * np.exp(z))) > _QUIET]
+        last_turn = min(math.exp(loud.max(initial=low)) * delay + _LAST_TURNS, _MOST_TURNS)
+        turns = np.log(np.arange(_TURN_STEP, last_turn, _TURN_STEP) / delay)
+        z = np.union1d(z[z < turns[-1]], turns)
+    return z, bool(closed.all_left[0])
 
 
 def _crossings(curve: Curve, z: Floats, values: Floats) -> Floats:

@@ -60,7 +60,8 @@ class Zeros:
     @property
     def all_left(self) -> Booleans:
         """Whether every zero lies to the left of the imaginary axis, for certain; shape (n,)."""
-        return self.decided & (self.count == 0) & (self.origin_order == 0.0)
+        certain: Booleans = self.decided & (self.count == 0) & (self.origin_order == 0.0)
+        return certain
 
 
 def right_half_plane_zeros(function: QuasiPolynomial) -> Zeros:
@@ -96,7 +97,9 @@ def count_zeros(coefficients: Floats, orders: Floats, delays: Floats, most_inter
     raw = family.top_order / 2.0 - phase / np.pi
     count = np.rint(raw)
     decided = certain & family.well_posed & (np.abs(raw - count) < 0.01) & (count >= 0)
-    return Zeros(np.where(decided, count, -1).astype(np.int64), margin, decided, family.neutral_gain, family.origin_order, grid)
+    return Zeros(
+        np.where(decided, count, -1).astype(np.int64), margin, decided, family.neutral_gain, family.origin_order, grid
+    )
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,9 @@ class _Family:
         phasors = np.sign(coefficients) * np.exp(0.5j * np.pi * np.where(active, orders, 0.0))
         orders = np.where(active, orders, 0.0)
         end = np.maximum(end, start + 1.0)
-        return _Family(log_size, orders, delays, phasors, low, top_order, np.sign(top), gain, origin_order, start, end, well_posed)
+        return _Family(
+            log_size, orders, delays, phasors, low, top_order, np.sign(top), gain, origin_order, start, end, well_posed
+        )
 
     def values(self, owner: Indexes, z: Floats) -> tuple[Floats, Floats, Complexes]:
         """Shares of the terms (m, k), ln of their sum (m,) and the value over that sum (m,)."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from fopid_core.model.arrays import Floats
@@ -32,7 +34,7 @@ def decimate(time: Floats, value: Floats, stretches: int = 1500) -> tuple[Floats
         return time, value
     edges = np.linspace(0, n, stretches + 1).astype(int)
     kept = {0, n - 1}
-    for start, end in zip(edges[:-1], edges[1:], strict=True):
+    for start, end in pairwise(edges.tolist()):
         part = value[start:end]
         kept.update((start, start + int(np.argmin(part)), start + int(np.argmax(part)), end - 1))
     indexes = np.array(sorted(kept))

@@ -1,0 +1,231 @@
+"""The nodes are ordinary ROS 2 nodes, and every bad input ends well."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import DescribeParameters
+from sensor_msgs.msg import Temperature
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool
+
+from fopid_msgs.msg import FopidState, ScalarStamped
+
+from .conftest import BIN, Graph, LockstepLoop
+
+CONFIG = Path(__file__).parents[2] / "config"
+
+
+@pytest.mark.parametrize(
+    ("executable", "parameter", "named"),
+    [
+        ("fopid_controller", "kpp:=1.0", ["no parameter 'kpp'", "'kp'"]),
+        ("fopid_controller", "kp:=abc", ["kp = 'abc'", "a number"]),
+        ("fopid_controller", "kp:=.nan", ["kp = nan"]),
+        ("fopid_controller", "lam:=2.5", ["lam = 2.5", "0 to 2"]),
+        ("fopid_controller", "sample_time:=0.0", ["sample_time = 0.0"]),
+        ("fopid_controller", "band.low:=1e6", ["band.low = 1000000.0"]),
+        ("fopid_controller", "mode:=automatic", ["'automatic'", "auto, manual"]),
+        ("fopid_controller", "measurement.type:=foo/msg/Bar", ["'foo/msg/Bar'"]),
+        ("fopid_controller", "measurement.field:=temperature", ["'temperature'", "value"]),
+        ("plant_simulator", "process:='9/((s+1)(s^2+2s+9)'", ["character 19", "')'"]),
+        ("plant_simulator", "process:='1/(s+x)'", ["character 6", "'x'"]),
+        ("plant_simulator", "process:=''", ["empty"]),
+        ("plant_simulator", "process:='s/1'", ["not proper"]),
+        ("plant_simulator", "process:='1/(s^0.5+1)'", ["not rational"]),
+        ("plant_simulator", "pade_order:=0", ["pade_order = 0"]),
+        ("plant_simulator", "noise_std:=-1.0", ["noise_std = -1.0"]),
+        ("fopid_tuner", "process:='1/(s+x)'", ["character 6"]),
+        ("fopid_tuner", "method:=guess", ["'guess'", "frequency, time, rule"]),
+    ],
+)
+def test_a_bad_start_is_one_line_that_names_the_input(graph: Graph, executable: str, parameter: str, named: list) -> None:
+    ended = subprocess.run([BIN / executable, "--ros-args", "-p", parameter], env=graph.environment, timeout=30,
+                           capture_output=True, text=True, check=False)  # fmt: skip
+    assert ended.returncode == 2
+    (line,) = [line for line in ended.stderr.splitlines() if line.startswith("error: ")]
+    assert all(word in line for word in named), line
+    assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize("domain", ["233", "abc"])
+def test_a_domain_that_cannot_be_used_is_named(graph: Graph, domain: str) -> None:
+    environment = {**graph.environment, "ROS_DOMAIN_ID": domain}
+    ended = subprocess.run([BIN / "plant_simulator"], env=environment, timeout=30, capture_output=True, text=True,
+                           check=False)  # fmt: skip
+    assert ended.returncode == 2
+    assert "ROS_DOMAIN_ID" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize("executable", ["plant_simulator", "fopid_controller", "fopid_tuner", "experiment"])
+def test_help_tells_what_can_be_set(graph: Graph, executable: str) -> None:
+    told = subprocess.run([BIN / executable, "--help"], env=graph.environment, timeout=30, capture_output=True, text=True,
+                          check=True)  # fmt: skip
+    assert "usage" in told.stdout
+
+
+@pytest.mark.parametrize("name", ["P1", "P2", "P3", "P4"])
+def test_parameter_files_serve_all_three_nodes_in_any_namespace(graph: Graph, name: str) -> None:
+    more = ["--params-file", str(CONFIG / f"{name}.yaml"), "-r", "__ns:=/hall/seven"]
+    for executable in ("plant_simulator", "fopid_controller", "fopid_tuner"):
+        graph.start(executable, {}, *more)
+    assert graph.get("/hall/seven/plant_simulator", "process") == [name]
+    assert graph.get("/hall/seven/fopid_tuner", "process") == [name]
+    assert graph.get("/hall/seven/fopid_controller", "kp")[0] > 0.3
+    states = graph.listen(FopidState, "/hall/seven/fopid_controller/state")
+    setpoint = graph.node.create_publisher(ScalarStamped, "/hall/seven/setpoint", 1)
+    graph.until(setpoint.get_subscription_count, "the controller")
+    setpoint.publish(ScalarStamped(value=1.0))
+    graph.until(lambda: states and states[-1].measurement > 0.01, "a loop that moves")
+
+
+def test_names_and_topics_can_be_remapped(graph: Graph) -> None:
+    graph.start("fopid_controller", {"kp": 2}, "-r", "__node:=temperature_controller", "-r", "measurement:=oven/reading")
+    assert graph.get("temperature_controller", "kp") == [2.0]
+    graph.until(lambda: graph.node.count_subscribers("/oven/reading"), "the remapped topic")
+
+
+def test_parameters_are_described_with_their_ranges(graph: Graph) -> None:
+    graph.start("fopid_controller", {})
+    request = DescribeParameters.Request(names=["lam", "control_max", "mode"])
+    lam, limit, mode = graph.call(DescribeParameters, "fopid_controller/describe_parameters", request).descriptors
+    assert (lam.floating_point_range[0].from_value, lam.floating_point_range[0].to_value) == (0.0, 2.0)
+    assert "integral" in lam.description
+    assert not limit.floating_point_range
+    assert "auto, manual" in mode.additional_constraints
+
+
+def test_a_rejected_set_changes_nothing_and_the_loop_runs_on(graph: Graph) -> None:
+    loop = LockstepLoop(graph, "P1", {"kp": 1.0, "ki": 0.4})
+    loop.publish("setpoint", 1.0)
+    loop.advance(1.0)
+    for changes, named in (
+        ({"kp": 3.0, "lam": 2.5}, "lam"),
+        ({"kp": math.nan}, "kp"),
+        ({"kp": 3.0, "control_min": 5.0, "control_max": 1.0}, "control_min = 5.0"),
+        ({"kp": 3.0, "sample_time": 0.1}, "sample_time"),
+    ):
+        answer = graph.set("fopid_controller", **changes)
+        assert not answer.successful
+        assert named in answer.reason
+        assert graph.get("fopid_controller", "kp") == [1.0]
+    loop.advance(2.0)
+    assert len(loop.controls) == 200
+    assert {state.kp for state in loop.states} == {1.0}
+
+
+def test_realtime_keeps_its_sample_time_and_counts_late_ticks(graph: Graph) -> None:
+    graph.start("plant_simulator", {"process": "P4"})
+    controller = graph.start("fopid_controller", {"kp": 1.4, "ki": 2.6})
+    states = graph.listen(FopidState, "fopid_controller/state")
+    setpoint = graph.node.create_publisher(ScalarStamped, "setpoint", 1)
+    graph.until(setpoint.get_subscription_count, "the controller")
+    setpoint.publish(ScalarStamped(value=1.0))
+    graph.until(lambda: len(states) > 300, "three seconds of ticks")
+    intervals = sorted(state.sample_interval for state in states[1:])
+    assert intervals[len(intervals) // 2] == pytest.approx(0.01, rel=0.05)
+    assert abs(states[-1].measurement - 1.0) < 0.3
+
+    before = states[-1].overruns
+    controller.send_signal(signal.SIGSTOP)
+    time.sleep(0.5)
+    controller.send_signal(signal.SIGCONT)
+    graph.until(lambda: states[-1].overruns >= before + 30, "late ticks that are counted")
+    graph.until(lambda: len(states) > 500, "a loop that runs on")
+
+
+def test_values_that_are_not_finite_never_reach_the_output(graph: Graph) -> None:
+    graph.start("fopid_controller", {"kp": 1.0, "ki": 0.4})
+    diagnostics = graph.listen(DiagnosticArray, "/diagnostics")
+    controls = graph.listen(ScalarStamped, "control")
+    measurement = graph.node.create_publisher(ScalarStamped, "measurement", 10)
+    setpoint = graph.node.create_publisher(ScalarStamped, "setpoint", 1)
+    graph.until(lambda: measurement.get_subscription_count() and setpoint.get_subscription_count(), "the controller")
+
+    def answered() -> bool:
+        measurement.publish(ScalarStamped(value=0.5))
+        setpoint.publish(ScalarStamped(value=1.0))
+        return bool(controls) and controls[-1].value > 0.5
+
+    graph.until(answered, "a control")
+    for value in (math.nan, math.inf, -math.inf):
+        measurement.publish(ScalarStamped(value=value))
+        graph.spin(0.2)
+    setpoint.publish(ScalarStamped(value=math.nan))
+
+    def refused() -> bool:
+        values = {v.key: v.value for v in diagnostics[-1].status[0].values} if diagnostics else {}
+        return values.get("non-finite inputs refused") == "4"
+
+    graph.until(refused, "diagnostics that count them")
+    assert controls
+    assert all(math.isfinite(message.value) for message in controls)
+    assert controls[-1].value > 0.5
+
+
+def test_any_message_type_serves_as_a_signal(graph: Graph) -> None:
+    graph.start("fopid_controller", {
+        "kp": 2.0, "measurement.type": "sensor_msgs/msg/Temperature", "measurement.field": "temperature",
+        "control.type": "std_msgs/msg/Float64", "control.field": "data",
+    })  # fmt: skip
+    controls = graph.listen(Float64, "control")
+    measurement = graph.node.create_publisher(Temperature, "measurement", 1)
+    setpoint = graph.node.create_publisher(ScalarStamped, "setpoint", 1)
+    graph.until(lambda: measurement.get_subscription_count() and setpoint.get_subscription_count(), "the controller")
+
+    def answered() -> bool:
+        measurement.publish(Temperature(temperature=20.0))
+        setpoint.publish(ScalarStamped(value=25.0))
+        return bool(controls) and controls[-1].data == pytest.approx(10.0)
+
+    graph.until(answered, "2 * (25 - 20)")
+
+
+def test_transitions_that_are_not_allowed_are_answered_and_survived(graph: Graph) -> None:
+    graph.start("fopid_controller", {"kp": 1.0, "safe_control": 0.25})
+    wrong = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
+    assert not graph.call(ChangeState, "fopid_controller/change_state", wrong).success
+    assert graph.call(GetState, "fopid_controller/get_state").current_state.id == State.PRIMARY_STATE_ACTIVE
+    controls = graph.listen(ScalarStamped, "control")
+    off = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
+    assert graph.call(ChangeState, "fopid_controller/change_state", off).success
+    graph.until(lambda: controls and controls[-1].value == 0.25, "the safe control")
+    on = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_ACTIVATE))
+    assert graph.call(ChangeState, "fopid_controller/change_state", on).success
+
+
+def test_manual_and_back_without_a_jump(graph: Graph) -> None:
+    loop = LockstepLoop(graph, "P1", {"kp": 1.0, "ki": 0.4})
+    manual = graph.node.create_publisher(ScalarStamped, "manual_control", 1)
+    graph.until(manual.get_subscription_count, "the controller")
+    loop.publish("setpoint", 1.0)
+    loop.advance(10.0)
+    assert graph.call(SetBool, "fopid_controller/set_auto", SetBool.Request(data=False)).success
+    manual.publish(ScalarStamped(value=0.8))
+    graph.spin(0.3)
+    loop.advance(20.0)
+    assert loop.controls[-1].value == 0.8
+    assert loop.states[-1].mode == FopidState.MANUAL
+    assert graph.call(SetBool, "fopid_controller/set_auto", SetBool.Request(data=True)).success
+    loop.advance(20.01)
+    assert abs(loop.controls[-1].value - 0.8) < 0.01
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("executable", ["plant_simulator", "fopid_controller", "fopid_tuner"])
+def test_a_node_ends_in_good_order_when_told_to(graph: Graph, executable: str, number: int) -> None:
+    process = graph.start(executable, {})
+    graph.until(lambda: (executable, "/") in graph.node.get_node_names_and_namespaces(), "the node")
+    os.kill(process.pid, number)
+    assert process.wait(10) == 0
+    assert "Traceback" not in graph.logs()
