@@ -14,7 +14,7 @@ METHODS = ("frequency", "time", "rule")
 VIA = ("none", "foptd", "soptd", "nioptd1", "nioptd2")
 CRITERIA = ("ms", "flatness")
 FREQUENCY_SOLVERS = ("square", "paper", "monje")
-TIME_SOLVERS = ("sqp", "nelder-mead")
+TIME_SOLVERS = ("gauss-newton", "nelder-mead")
 NUMBERS = ("kp", "ki", "kd", "lam", "mu")
 
 Progress = Callable[[float, str], None]
@@ -104,7 +104,7 @@ class TuningRequest:
         For ``time``: the time the index is integrated over [s].
     ms_max, u_max, noise_max : float, optional
         For ``time``: bounds on max |S|, on the peak of the control after a unit setpoint step, and on the
-        gain from measurement noise to control, both for the controller as it runs at ``sample_time``.
+        gain from measurement noise to control, both for the controller as it runs at ``sample_time``; infinite for none.
     sample_time : float
         For ``time``: the tick of the controller as it will run [s].
     fixed : mapping
@@ -118,7 +118,7 @@ class TuningRequest:
     start : Fopid, optional
         For ``time``: a further point to begin from.
     solver : str, optional
-        ``square``, ``paper`` or ``monje`` for ``frequency``; ``sqp`` or ``nelder-mead`` for ``time``.
+        ``square``, ``paper`` or ``monje`` for ``frequency``; ``gauss-newton`` or ``nelder-mead`` for ``time``.
     seed : int
         For ``time``: seed of the search; the same seed gives the same answer.
     timeout : float, optional
@@ -156,10 +156,11 @@ class TuningRequest:
             one_of("solver", self.solver, {"frequency": FREQUENCY_SOLVERS, "time": TIME_SOLVERS}.get(self.method, ()))
         if self.phase_margin is not None:
             require(0 < self.phase_margin < math.pi, "phase_margin", self.phase_margin, "above 0 and below pi rad")
-        for name in ("crossover", "horizon", "u_max", "noise_max", "sample_time", "timeout"):
+        for name in ("crossover", "horizon", "sample_time", "timeout"):
             _require_positive(name, getattr(self, name))
-        if self.ms_max is not None:
-            require(1 < self.ms_max < math.inf, "ms_max", self.ms_max, "above 1")
+        for name, least in (("ms_max", 1.0), ("u_max", 0.0), ("noise_max", 0.0)):
+            bound = getattr(self, name)
+            require(bound is None or bound > least, name, bound, f"above {least:g}, inf for none")
         self._check_numbers()
 
     def _check_numbers(self) -> None:

@@ -177,6 +177,10 @@ class TimeProblem:
         """Peak of the control after a unit setpoint step, shape (n,), of the controller as it runs."""
         return np.abs(self._controls(gains)).max(axis=1)
 
+    def final_error(self, gains: Real) -> float:
+        """What is left of the error of one controller at the horizon."""
+        return float(self._grid.errors(gains[None])[0, -1])
+
     def ms(self, gains: Real) -> Real:
         """max |S|, shape (n,)."""
         return 1.0 / np.abs(1.0 + self._p * _controller(gains, self._w)).min(axis=1)

@@ -19,7 +19,6 @@ from fopid_core.design.gauss_newton import Descent, begin, descend
 from fopid_core.design.nelder_mead import simplex_search
 from fopid_core.design.specification import Expired, Progress
 from fopid_core.design.time_problem import TimeProblem, TimeSpecification
-from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
 from fopid_core.model.stability import stable_mask
@@ -49,6 +48,8 @@ class TimeDesign:
     cost : float
     ms, control_peak, noise_gain : float
         What the bounds are on.
+    final_error : float
+        What is left of the error at the horizon.
     evaluations : int
         Number of controllers looked at.
     """
@@ -59,6 +60,7 @@ class TimeDesign:
     ms: float
     control_peak: float
     noise_gain: float
+    final_error: float
     evaluations: int
 
 
@@ -70,7 +72,7 @@ def tune_time(
     seed: int = 0,
     progress: Progress | None = None,
     expired: Expired | None = None,
-) -> TimeDesign:
+) -> TimeDesign | None:
     """The controller with the lowest cost under the bounds.
 
     Parameters
@@ -87,10 +89,10 @@ def tune_time(
     progress, expired : callable, optional
         Called with the share done; asked whether to stop with the best found so far.
 
-    Raises
-    ------
-    InputError
-        If no controller drawn is stable and no stable start is given.
+    Returns
+    -------
+    TimeDesign or None
+        None when neither a controller drawn nor the start is stable.
 
     Examples
     --------
@@ -105,12 +107,14 @@ def tune_time(
     search = _Search(process, specification, solver, seed, report, expired or (lambda: False))
     problem = TimeProblem(process, specification)
     found = search.run(problem, _first_rows(start))
-    while True:
-        finer = _better_problem(problem, found)
-        if finer is None or search.expired():
+    while found is not None:
+        better = _better_problem(problem, found)
+        if better is None or search.expired():
             return _answer(problem, found, search.evaluations)
-        problem = finer
-        found = search.run(problem, found.gains[None], polish_only=not finer.watch_control)
+        polish_only = better.watch_control == problem.watch_control
+        problem = better
+        found = search.run(problem, found.gains[None], polish_only)
+    return None
 
 
 def _first_rows(start: Fopid | None) -> Real:
@@ -138,6 +142,7 @@ def _answer(problem: TimeProblem, found: Descent, evaluations: int) -> TimeDesig
         ms=float(problem.ms(gains)[0]),
         control_peak=float(problem.largest_control(gains)[0]),
         noise_gain=float(problem.noise_gain(gains)[0]),
+        final_error=problem.final_error(gains[0]),
         evaluations=evaluations,
     )
 
@@ -158,14 +163,14 @@ class _Search:
         self.seed, self.report, self.expired = seed, report, expired
         self.evaluations = 0
 
-    def run(self, problem: TimeProblem, rows: Real, polish_only: bool = False) -> Descent:
+    def run(self, problem: TimeProblem, rows: Real, polish_only: bool = False) -> Descent | None:
         """The best stable design found from some rows of gains and, unless polishing, from drawn ones."""
         if not polish_only:
             rows = np.concatenate([rows, drawn_starts(problem, self.seed)])
         rows = np.clip(rows, *problem.box.T)
         rows = rows[stable_mask(self.process, rows)]
         if not len(rows):
-            raise InputError(f"process {self.process}: no stable controller found; allowed: give a start that is")
+            return None
         begun = sorted((begin(problem, row) for row in rows), key=lambda descent: descent.merit)[:BEGUN]
         ended = self._simplex(problem, begun) if self.solver == "nelder-mead" else self._descend(problem, begun)
         self.evaluations += problem.evaluations

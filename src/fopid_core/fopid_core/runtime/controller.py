@@ -206,7 +206,8 @@ class FopidController:
         self._gains = gains = settings.gains
         self._integral_reading = integral_reading(settings.active_band, gains.lam)
         self._derivative_reading = derivative_reading(settings.active_band, gains.mu)
-        self._tracking_gain = _tracking_gain(settings)
+        after_one_tick = self._integral_bank.after_one_tick(self._integral_reading)
+        self._tracking_gain = _tracking_gain(settings, after_one_tick)
 
     def _take(self, setpoint: float, measurement: float) -> None:
         """Feed the operators' memories."""
@@ -257,14 +258,18 @@ class FopidController:
         return min(max(limited, last - largest), last + largest)
 
 
-def _tracking_gain(settings: ControllerSettings) -> float:
-    """What back-calculation adds to the integral's input per unit of excess control."""
+def _tracking_gain(settings: ControllerSettings, after_one_tick: float) -> float:
+    """What back-calculation adds to the integral's input per unit of excess control.
+
+    Sign and size of 1 / (ki tracking_time^lam), but no more than takes half of the excess back in one tick: beyond that the
+    correction would overshoot from tick to tick. ``after_one_tick`` is the integral of a unit input then.
+    """
     gains = settings.gains
     if settings.antiwindup != "back_calculation" or gains.ki == 0.0 or gains.lam == 0.0:
         return 0.0
-    natural = (abs(gains.kp / gains.ki)) ** (1.0 / gains.lam) if gains.kp else 1.0
-    tracking_time = settings.tracking_time or natural
-    return 1.0 / (gains.ki * tracking_time**gains.lam)
+    scale = settings.tracking_time**gains.lam if settings.tracking_time else abs(gains.kp / gains.ki) or 1.0
+    per_excess = max(abs(gains.ki) * scale, 2.0 * abs(gains.ki) * after_one_tick)
+    return math.copysign(1.0 / per_excess, gains.ki) if per_excess > 1e-300 else 0.0
 
 
 def with_gains(settings: ControllerSettings, gains: Fopid) -> ControllerSettings:

@@ -179,6 +179,11 @@ class FilterBank:
         self._curvature = (slope - self._slope) / self._sample_time
         self._slope, self._value = slope, value
 
+    def after_one_tick(self, reading: Reading) -> float:
+        """What the operator's output is one sample time after a unit step (integrals only)."""
+        held = self._from_new + self._from_old
+        return reading.integrator * self._sample_time + float(reading.lags @ held) + reading.direct
+
     def read(self, reading: Reading) -> float:
         """The operator's output now."""
         return (

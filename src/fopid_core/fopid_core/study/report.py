@@ -63,3 +63,95 @@ def write_report(runs: Sequence[Run], out: Path) -> tuple[Path, Path]:
     except OSError as error:
         raise InputError(f"report {str(out)!r} cannot be written: {error.strerror}") from None
     return out, image
+
+
+def render(runs: Sequence[Run]) -> str:
+    """The page as text."""
+    names = _names(runs)
+    figures: dict[str, Figure] = {}
+    content = [_comparison(runs, names, figures)] if len(runs) > 1 else []
+    content += [_run(run, name, f"run{i}", figures) for i, (run, name) in enumerate(zip(runs, names, strict=True))]
+    folder = resources.files("fopid_core.study")
+    parts = {
+        "title": escape(", ".join(names)),
+        "style": folder.joinpath("report_page.css").read_text(encoding="utf-8"),
+        "content": "\n".join(content),
+        "figures": json.dumps(figures, allow_nan=False, separators=(",", ":")).replace("</", "<\\/"),
+        "plotly": _plotly(),
+        "script": folder.joinpath("report_page.js").read_text(encoding="utf-8"),
+    }
+    return Template(folder.joinpath("report_page.html").read_text(encoding="utf-8")).substitute(parts)
+
+
+@cache
+def _plotly() -> str:
+    return resources.files("plotly.package_data").joinpath("plotly.min.js").read_text(encoding="utf-8")
+
+
+def _names(runs: Sequence[Run]) -> list[str]:
+    """The experiment's name, or the bag's; of several runs always the bag's, which differ."""
+    bags = [f"{run.path.resolve().stem}{run.namespace}" for run in runs]
+    return bags if len(runs) > 1 else [str(runs[0].experiment.get("name") or bags[0])]
+
+
+def _comparison(runs: Sequence[Run], names: Sequence[str], figures: dict[str, Figure]) -> str:
+    figures["comparison"] = comparison_figure(runs, names)
+    rows = [(name, segment) for run, name in zip(runs, names, strict=True) for segment in segments(run)]
+    return f"""<header><h1>{len(runs)} runs</h1></header>
+<h2>Side by side</h2>
+{_plot("comparison", "signals", "Measurement and control of all runs")}
+{_table([segment for _, segment in rows], [name for name, _ in rows])}"""
+
+
+def _run(run: Run, name: str, key: str, figures: dict[str, Figure]) -> str:
+    figures[f"{key}-signals"] = signals_figure(run)
+    changes = retunings(run)
+    tunings = "".join(_tuning(run, change, f"{key}-tuning{i}", figures) for i, change in enumerate(changes))
+    return f"""<header><h1>{escape(name)}</h1>
+{_equation("P", _process_text(run)) if run.process else ""}
+{_facts(run)}
+{"" if run.whole else '<p class="warning">The recording was cut off; the report shows what it holds.</p>'}</header>
+<h2>Signals</h2>
+{_plot(f"{key}-signals", "signals", "Setpoint, measurement and control; red: new gains; dotted: limits of the control")}
+<h2>Phases</h2>
+{_table(segments(run))}
+<p class="quiet">Rise from 10 to 90 % and settling to 2 % of the step of the setpoint; IAE and ITAE from the start of each
+phase; Ms and phase margin of the loop with its nominal process.</p>
+{f"<h2>Tunings</h2>{tunings}" if tunings else ""}
+{_what_was_run(run)}"""
+
+
+def _process_text(run: Run) -> str:
+    """The process as it was typed, where the bag has that."""
+    return run.metadata.get("process") or str(run.experiment.get("process") or run.process)
+
+
+def _facts(run: Run) -> str:
+    measurement = run.signals["measurement"].time
+    facts = {
+        "duration": f"{number(run.end - float(measurement[0]))} s",
+        "samples": f"{measurement.size:,}",
+        "sample time": f"{number(run.sample_time)} s",
+        "time": str(run.experiment.get("trigger", "")),
+    }
+    items = "".join(f"<li><span>{name}</span><b>{escape(value)}</b></li>" for name, value in facts.items() if value)
+    return f'<ul class="facts">{items}</ul>'
+
+
+def _plot(figure: str, kind: str, caption: str) -> str:
+    return f"""<figure><figcaption>{escape(caption)}</figcaption>
+<div class="plot {kind}" data-figure="{figure}" role="img" aria-label="{escape(caption)}"></div></figure>"""
+
+
+def _table(rows: Sequence[Segment], runs: Sequence[str] = ()) -> str:
+    heads = "".join(
+        f'<th{"" if c.is_number else " class=words"}>{escape(c.heading)}<small>{escape(c.unit)}</small></th>' for c in COLUMNS
+    )
+    lines = []
+    for i, row in enumerate(rows):
+        first = f'<td class="words">{escape(runs[i])}</td>' if runs else ""
+        cells = "".join(f"<td{'' if c.is_number else ' class=words'}>{escape(c.text(row))}</td>" for c in COLUMNS)
+        lines.append(f"<tr>{first}{cells}</tr>")
+    first_head = '<th class="words">run</th>' if runs else ""
+    return f"""<div class="scroll"><table><thead><tr>{first_head}{heads}</tr></thead>
+<tbody>{"".join(lines)}</tbody></table></div>"""
