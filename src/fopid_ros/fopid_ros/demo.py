@@ -34,7 +34,7 @@ def node_parameters(experiment: Experiment) -> dict[str, dict[str, object]]:
 def start_nodes(children: Children, experiment: Experiment, environment: dict[str, str]) -> None:
     """Start plant, controller and tuner."""
     for executable, parameters in node_parameters(experiment).items():
-        quiet = ["--log-level", "info"]
+        quiet = ["--log-level", "warn"]
         children.start(executable, [command(executable), *ros_arguments(parameters), *quiet], environment)
 
 

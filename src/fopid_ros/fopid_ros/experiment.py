@@ -30,7 +30,7 @@ from fopid_core.errors import InputError
 from fopid_core.study.experiment import Experiment, Phase, TuneCall, read_experiment
 from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
 from fopid_msgs.srv import Advance, Tune
-from fopid_ros.node import latched_qos
+from fopid_ros.node import check_domain, latched_qos
 from fopid_ros.recorder import Recorder
 from fopid_ros.signals import header_stamp
 
@@ -278,13 +278,16 @@ def show_results(folder: Path, console: Console) -> None:
     """Print the table and write the report."""
     from fopid_core.study.bag import read_bag
     from fopid_core.study.report import write_report
-    from fopid_core.study.segments import print_table, segments
+    from fopid_core.study.segment_table import segment_table
+    from fopid_core.study.segments import segments
 
     with console.status("writing the report"):
         run = read_bag(folder / "bag")
-        write_report([run], folder / "report.html")
-    print_table(segments(run))
-    print(f"bag     {folder / 'bag'}\nreport  {folder / 'report.html'}")
+        page, picture = write_report([run], folder / "report.html")
+    out = Console()
+    out.print(segment_table(segments(run), width=out.width))
+    for name, path in (("bag", folder / "bag"), ("report", page), ("picture", picture)):
+        print(f"{name:8} {path}")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from fopid_core.model.growth import growth_bound
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 
-roots = st.lists(
-    st.complex_numbers(min_magnitude=0.05, max_magnitude=20.0), min_size=1, max_size=3
-).filter(lambda found: max(r.real for r in found) > 0.1)
+roots = st.lists(st.complex_numbers(min_magnitude=0.05, max_magnitude=20.0), min_size=1, max_size=3).filter(
+    lambda found: max(r.real for r in found) > 0.1
+)
 
 
 @settings(derandomize=True, deadline=None, max_examples=40)

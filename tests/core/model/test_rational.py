@@ -52,7 +52,9 @@ def test_a_rational_process_goes_over_exactly_and_comes_back(text: str) -> None:
         assert from_control(system).relative_degree == process.relative_degree
 
 
-@pytest.mark.parametrize("text", ["1/(0.8s^2.2+0.5s^0.9+1)", "(s^0.3+2)/(s^1.7+0.5s^1.1+s^0.4+1)", "1/s^1.4*exp(-0.1s)"])
+@pytest.mark.parametrize(
+    "text", ["1/(0.8s^2.2+0.5s^0.9+1)", "(s^0.3+2)/(s^1.7+0.5s^1.1+s^0.4+1)", "1/s^1.4*exp(-0.1s)"]
+)
 def test_a_fractional_process_is_close_inside_the_band(text: str) -> None:
     process = Process.parse(text)
     assert to_transfer_function(process)(INNER) == pytest.approx(process(INNER), rel=0.02)

@@ -193,9 +193,7 @@ def mittag_leffler(alpha: float, x: float) -> float:
         return float(mp.nsum(lambda k: mp.mpf(x) ** k / mp.gamma(mp.mpf(alpha) * k + 1), [0, 150], method="d"))
 
 
-@pytest.mark.parametrize(
-    "row", paper_tables()["table4_to_7"], ids=lambda r: f"{r['process']} {r['index']}"
-)
+@pytest.mark.parametrize("row", paper_tables()["table4_to_7"], ids=lambda r: f"{r['process']} {r['index']}")
 def test_the_exact_indices_of_the_papers_controllers(row: dict[str, object]) -> None:
     loop = Loop(read_process(row["process"]), Fopid(*(row[name] for name in ("kp", "ki", "kd", "lam", "mu"))))
     response = step_response(loop, 50.0)

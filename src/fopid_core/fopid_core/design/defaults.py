@@ -44,7 +44,7 @@ def natural_crossover(process: Process, phase_margin: float) -> float:
 
     A process that never lags so far (a first-order lag) is taken where it has nine tenths of its own largest lag, one
     with the same phase everywhere (an integrator) where its gain is 1, and one that begins with more lag (an unstable
-    one) in the middle of where it has less.
+    one) where it has less, by a factor of three if there is room.
 
     Examples
     --------
@@ -53,11 +53,11 @@ def natural_crossover(process: Process, phase_margin: float) -> float:
     """
     lag, gain = _lag_and_gain(process)
     wished = math.pi - phase_margin
-    if lag[0] > wished + 1e-6:
-        less = np.flatnonzero(lag < wished)
-        return float(np.exp(np.log(_W[less]).mean())) if len(less) else float(_W[np.argmin(lag)])
     if np.ptp(lag) < math.radians(5.0):
         return float(_W[np.argmin(np.abs(np.log(gain)))])
+    if lag[0] > wished + 1e-6:
+        less = _W[: len(lag)][lag < wished]
+        return float(min(3.0 * less[0], math.sqrt(less[0] * less[-1]))) if len(less) else float(_W[np.argmin(lag)])
     wished = min(wished, lag[0] + 0.9 * (lag.max() - lag[0]))
     return float(_W[np.flatnonzero(lag >= wished)[0]])
 

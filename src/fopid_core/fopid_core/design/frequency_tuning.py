@@ -11,7 +11,6 @@ crossover, and the bounds (4) and (5) hold on their whole bands.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +24,10 @@ EXCHANGES = 4
 """Most rounds in which frequencies where the design is worse than on the grid are added to the grid."""
 DENSE = 500
 """Points per decade on which the last design is looked at again."""
+AS_GOOD = 0.005
+"""How far a design may be worse there [dB]."""
+FAR = 1e6
+"""Merit of a design that breaks a bound."""
 
 
 @dataclass(frozen=True)
@@ -81,21 +84,21 @@ def tune_frequency(process: Process, specification: FrequencySpecification) -> F
     True
     """
     square = OrderSquare(process, specification, frequency_grid(specification))
-    best = _best(square)
+    merit = _merit(specification)
+    best = square.best(merit)
     dense = OrderSquare(process, specification, frequency_grid(specification, DENSE))
     for _ in range(EXCHANGES):
         if best is None or _is_as_good(dense.measure(best.gains), best):
             break
-        missed = dense.worst_frequencies(best)
-        square = OrderSquare(process, specification, np.union1d(square.w, missed))
-        best = _best(square)
+        square = square.refined(dense.worst_frequencies(best))
+        best = square.best(merit, near=best)
     return _answer(square, best)
 
 
 def _is_as_good(truth: Designs, design: Designs) -> bool:
-    """Whether a design is, on a dense grid, what it was taken to be: to 0.001 dB."""
+    """Whether a design is, on a dense grid, what it was taken to be."""
     pairs = ((20 * np.log10(truth.ms), 20 * np.log10(design.ms)), (truth.t_db, design.t_db), (truth.s_db, design.s_db))
-    return all(bool(true[0] <= taken[0] + 1e-3) for true, taken in pairs)
+    return all(bool(true[0] <= taken[0] + AS_GOOD) for true, taken in pairs)
 
 
 def _answer(square: OrderSquare, best: Designs | None) -> FrequencyDesign:
@@ -103,34 +106,33 @@ def _answer(square: OrderSquare, best: Designs | None) -> FrequencyDesign:
         return FrequencyDesign(None, False, *(math.nan,) * 5, square.evaluations)
     met = bool(best.excess(square.specification)[0] <= 0.0)
     t_db, s_db, ms = (float(value[0]) for value in (best.t_db, best.s_db, best.ms))
-    nearest = (math.nan, math.nan) if met else (_lowest(square, "t_db"), _lowest(square, "s_db"))
+    nearest = (math.nan, math.nan) if met else (_lowest(square, best, "t_db"), _lowest(square, best, "s_db"))
     return FrequencyDesign(Fopid(*best.gains[0]), met, ms, t_db, s_db, *nearest, square.evaluations)
 
 
-def _best(square: OrderSquare) -> Designs | None:
-    """The best design that meets the bounds, else the one that is least above them."""
-    specification = square.specification
+def _merit(specification: FrequencySpecification) -> Merit:
+    """The criterion among designs that meet the bounds, else how far they are above the one they break most."""
 
     def merit(designs: Designs) -> Real:
         above = designs.excess(specification)
         criterion = designs.ms if specification.criterion == "ms" else -designs.flatness
-        return np.where(above > 0.0, 1e6 + above, criterion)
+        return np.where(above > 0.0, FAR + above, criterion)
 
-    return _lowest_admissible(square, merit)
+    return merit
 
 
-def _lowest(square: OrderSquare, name: str) -> float:
+def _lowest(square: OrderSquare, best: Designs, name: str) -> float:
     """The lowest |T| or |S| that an admissible design reaches on its band when the other bound is let go."""
+    other = "s_db" if name == "t_db" else "t_db"
+    bounds = {"t_db": square.specification.t_max, "s_db": square.specification.s_max}
+    if bounds[name] is None or getattr(best, name)[0] <= bounds[name].db:
+        return math.nan
+    if bounds[other] is None or getattr(best, other)[0] <= bounds[other].db:
+        return float(getattr(best, name)[0])  # the only bound that is broken has been made as low as it goes
 
     def merit(designs: Designs) -> Real:
         value: Real = getattr(designs, name)
         return value
 
-    best = _lowest_admissible(square, merit)
-    return math.nan if best is None else float(merit(best)[0])
-
-
-def _lowest_admissible(square: OrderSquare, merit: Merit) -> Designs | None:
-    beam = square.close_in(square.survey(), merit)
-    candidates = (beam[row : row + 1] for row in range(len(beam)))
-    return next((design for design in candidates if square.is_admissible(design)), None)
+    lowest = square.best(merit)
+    return math.nan if lowest is None else float(merit(lowest)[0])

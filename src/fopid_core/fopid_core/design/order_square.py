@@ -11,6 +11,7 @@ import cmath
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,9 +24,9 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 AXIS = np.linspace(0.05, 2.0, 40)  # an order of zero is no integral and no derivative
-POINTS_PER_DECADE = 24
-LINE = np.arange(-4, 5)
-LINE_STEPS = ((0.0125, 40), (0.003, 40), (0.0008, 20))
+POINTS_PER_DECADE = 12
+LINE = np.arange(-3, 4)
+LINE_STEPS = ((0.01, 40), (0.0025, 24), (0.0006, 10))
 """Steps along a line, and how many of the lines are worth it."""
 BEAM = 6
 STEPS = tuple(0.0125 * 0.5**k for k in range(8))
@@ -194,10 +195,24 @@ class OrderSquare:
     def _up_to(self, w: float) -> slice:
         return slice(0, int(np.searchsorted(self.w, w, side="right")))
 
+    def refined(self, more: Real) -> OrderSquare:
+        """The same with more frequencies."""
+        return OrderSquare(self.process, self.specification, np.union1d(self.w, more))
+
+    @cached_property
     def survey(self) -> Designs:
         """The admissible designs (bounds aside) on a grid over the whole square."""
         designs = self.designs(np.stack([axis.ravel() for axis in np.meshgrid(AXIS, AXIS, indexing="ij")], axis=1))
         return designs[stable_mask(self.process, designs.gains)] if len(designs) else designs
+
+    def best(self, merit: Merit, near: Designs | None = None) -> Designs | None:
+        """The admissible design of lowest merit in the whole square, or near one that is known; None without any."""
+        if near is None:
+            found = self._around(self._in_valleys(self.survey, merit), merit)
+        else:
+            found = self._around(self.measure(near.gains), merit)
+        candidates = (found[row : row + 1] for row in range(len(found)))
+        return next((design for design in candidates if stable_mask(self.process, design.gains)[0]), None)
 
     def designs(self, orders: Real) -> Designs:
         """The designs at those rows (lam, mu) that lie in the square, with gains of one sign and one crossover."""
@@ -210,14 +225,16 @@ class OrderSquare:
         single = self._crosses_once(loop)
         return self._measure(gains[single], loop[single])
 
-    def close_in(self, designs: Designs, merit: Merit) -> Designs:
-        """The lowest merit near some designs, lowest first.
+    def _in_valleys(self, designs: Designs, merit: Merit) -> Designs:
+        """The lowest merit near some designs: along every line of the grid, in both directions.
 
-        The best designs often lie in a valley far narrower than the grid, which may run along either order. So the
-        best is first sought on every line of the grid in both directions, then around the best of them all.
+        The best designs often lie in a valley far narrower than the grid, which may run along either order.
         """
-        lines = [self._along_lines(designs, merit, moving) for moving in (0, 1)]
-        beam = _lowest(designs.joined(*lines), merit, BEAM)
+        return designs.joined(*(self._along_lines(designs, merit, moving) for moving in (0, 1)))
+
+    def _around(self, designs: Designs, merit: Merit) -> Designs:
+        """The lowest merit around the best few designs, lowest first, by steps to neighbours, ever shorter."""
+        beam = _lowest(designs, merit, BEAM)
         for step in STEPS:
             centres = np.round(beam.orders / step).astype(int)
             cells = np.unique((centres[:, None] + NEIGHBOURS).reshape(-1, 2), axis=0) * step
@@ -232,10 +249,6 @@ class OrderSquare:
             orders[:, :, moving] += step * LINE
             designs = lines.joined(self.designs(orders.reshape(-1, 2)))
         return designs
-
-    def is_admissible(self, design: Designs) -> bool:
-        """Whether one design has gains of one sign, one crossover and a stable loop (bounds aside)."""
-        return len(self.designs(design.orders)) > 0 and bool(stable_mask(self.process, design.gains)[0])
 
     def worst_frequencies(self, design: Designs) -> Real:
         """Where one design has its largest |S|, and its largest |T| and |S| on the bands of the bounds [rad/s]."""

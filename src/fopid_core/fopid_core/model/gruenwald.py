@@ -12,21 +12,23 @@ import math
 import numpy as np
 
 from fopid_core.errors import InputError
-from fopid_core.model.arrays import Complexes
+from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.loop import Loop
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 from fopid_core.model.response import Response, Source
 
 _MOST_SAMPLES = 1 << 21
 _ALIASING = 1e-9  # what of one turn of the circle leaks into the samples
+_MOST_GROWTH = 10.0  # from the horizon to the end of that turn; a loop that is stable as sampled does not grow
 
 
 def gl1_response(loop: Loop, horizon: float, step: float, source: Source = "setpoint") -> Response:
     """The answer to a unit step, of the loop in which every fractional operator is a first-order difference.
 
-    The first sample of the answer comes one step after the step itself, as in a loop that runs, and the output at t = 0
-    is 0. Delays are rounded to whole samples. The control is that of the sampled controller: its first value kp + ki
-    h^lam + kd h^-mu is the kick that an ideal derivative makes infinite.
+    The first sample of the answer comes one step after the step itself, as in a loop that runs, and the output at
+    t = 0 is 0. Delays are rounded to whole samples. A loop that is unstable as sampled is refused. The control is that
+    of the sampled controller: its first value kp + ki h^lam + kd h^-mu is the kick that an ideal derivative makes
+    infinite.
 
     Parameters
     ----------
@@ -64,9 +66,9 @@ def gl1_response(loop: Loop, horizon: float, step: float, source: Source = "setp
         transforms = controller * numerator * common, controller * denominator * common
     else:
         transforms = integral * numerator * common, -controller * numerator * common
-    growth = radius ** -np.arange(count)
-    first, second = (np.fft.irfft(t, size)[:count] * growth for t in transforms)
-    output, control = np.append(0.0, first), np.append(second, second[-1])
+    turn = np.fft.irfft(np.stack(transforms), size, axis=1) * radius ** -np.arange(size)
+    _check_growth(turn, count, step)
+    output, control = np.append(0.0, turn[0, :count]), turn[1, np.minimum(np.arange(count + 1), count - 1)]
     error = (1.0 if source == "setpoint" else 0.0) - output
     return Response(
         np.arange(count + 1, dtype=np.float64) * step, output, control, error, 10.0 * _ALIASING, 10.0 * _ALIASING
@@ -82,6 +84,13 @@ def _check(horizon: float, step: float) -> None:
         raise InputError(
             f"step = {step}; allowed: at least {horizon / _MOST_SAMPLES:.3g} s on a horizon of {horizon:g} s"
         )
+
+
+def _check_growth(turn: Floats, count: int, step: float) -> None:
+    """Refuse samples that one turn of the circle cannot tell apart from those of the next."""
+    size = np.max(np.abs(turn[:, :count]), axis=1)
+    if np.any(np.max(np.abs(turn[:, count:]), axis=1) > _MOST_GROWTH * size):
+        raise InputError(f"step = {step}; the loop sampled at it is unstable; allowed: a step at which it is stable")
 
 
 def _differences(function: QuasiPolynomial, z: Complexes, step: float) -> Complexes:

@@ -284,7 +284,7 @@ def _polynomials(system: control.TransferFunction | control.StateSpace) -> tuple
 
     if isinstance(system, control.TransferFunction):
         return system.num[0][0], system.den[0][0]
-    zeros, poles = np.poly(control.zeros(system)).real, np.poly(control.poles(system)).real
+    zeros, poles = (np.atleast_1d(np.poly(r)).real for r in (control.zeros(system), control.poles(system)))
     point = 1.0 + 2.0 * float(np.max(np.abs(control.poles(system)), initial=0.0))  # to the right of every pole
     gain = complex(system(point)).real * np.polyval(poles, point) / np.polyval(zeros, point)
     return np.asarray(gain * zeros, dtype=np.float64), np.asarray(poles, dtype=np.float64)

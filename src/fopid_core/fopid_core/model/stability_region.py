@@ -29,7 +29,7 @@ _CURVE_POINTS = 1500
 _TURNS = 6.0  # of the delay's phase that the curve follows
 _ASIDE = 1e-3  # distance from the curve at which both sides are tested, relative to the point's size
 _PADDING = 0.15
-_REACH = 30.0  # as far as the view goes, over the process's median gain; at least 1 over it
+_REACH = 30.0  # as far as the view goes, over the process's gain in the middle of its range; at least 1 over it
 _DEPENDENT = 1e-9
 
 
@@ -94,7 +94,7 @@ def stability_region(
     kept = np.all(np.isfinite(curve), axis=0)
     frequency, curve = frequency[kept], curve[:, kept]
     border = _is_border(process, controller, plane, curve)
-    (x_low, x_high), (y_low, y_high) = box or _view(process, frequency, curve[:, border])
+    (x_low, x_high), (y_low, y_high) = box or _view(process, curve[:, border])
     x, y = np.linspace(x_low, x_high, resolution), np.linspace(y_low, y_high, resolution)
     columns, rows = np.meshgrid(x, y)
     gains = _rows(controller, plane, np.stack((columns.ravel(), rows.ravel())))
@@ -117,10 +117,16 @@ def _check(controller: Fopid, plane: Plane, box: Box | None, resolution: int) ->
         raise InputError(f"resolution = {resolution}; allowed: 2 to 1000")
 
 
-def _frequencies(process: Process) -> Floats:
+def _dynamic_range(process: Process) -> tuple[float, float]:
+    """Between which ln w the process changes."""
     parts = [right_half_plane_zeros(part).log_frequency for part in (process.numerator, process.denominator)]
     dense = np.concatenate(parts)
-    w = np.exp(np.linspace(dense.min() - 3.0, dense.max() + 3.0, _CURVE_POINTS))
+    return float(dense.min()), float(dense.max())
+
+
+def _frequencies(process: Process) -> Floats:
+    low, high = _dynamic_range(process)
+    w = np.exp(np.linspace(low - 3.0, high + 3.0, _CURVE_POINTS))
     if process.delay:
         turns = np.linspace(0.0, _TURNS * 2.0 * math.pi, _CURVE_POINTS)[1:] / process.delay
         w = np.concatenate((w[w < turns[-1]], turns))
@@ -157,9 +163,9 @@ def _is_border(process: Process, controller: Fopid, plane: Plane, curve: Floats)
     return np.asarray(left != right, dtype=np.bool_)
 
 
-def _view(process: Process, frequency: Floats, border: Floats) -> Box:
+def _view(process: Process, border: Floats) -> Box:
     """The border, cut where an unbounded region would push everything else into a corner."""
-    typical = 1.0 / float(np.median(np.abs(process(1j * frequency))))
+    typical = 1.0 / float(np.abs(process(1j * math.exp(0.5 * sum(_dynamic_range(process))))))
     sides = []
     for values in border:
         low = np.clip(values.min(initial=0.0), -_REACH * typical, -typical)

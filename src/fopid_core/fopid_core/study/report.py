@@ -3,36 +3,39 @@
 from __future__ import annotations
 
 import json
-import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
 
+from fopid_core.design.verification import achieved
 from fopid_core.errors import InputError
-from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.stability import stability
 from fopid_core.study.loop_figures import loop_figures
 from fopid_core.study.plotly_parts import Figure
 from fopid_core.study.report_image import write_image
-from fopid_core.study.run import Run, Tuning
-from fopid_core.study.segment_table import COLUMNS, number
-from fopid_core.study.segments import Retuning, Segment, retunings, segments
+from fopid_core.study.report_parts import controller_text, definitions, equation, facts, folded, measures, plot, table
+from fopid_core.study.run import Run
+from fopid_core.study.segment_table import number
+from fopid_core.study.segments import Retuning, retunings, segments
 from fopid_core.study.signal_figures import comparison_figure, signals_figure
 
 MOST_TUNINGS = 12
-"""Tunings shown with figures; of more, the last ones."""
+"""Tunings shown; of more, the last ones."""
+
+_LONG = 200  # characters of a text that is folded away
 
 _CAPTIONS = {
     "bode": "Open loop L = C P",
     "sensitivity": "Sensitivity S and complementary sensitivity T",
-    "nyquist": "L(jω) and the circle of the largest sensitivity around −1",
-    "isodamping": "Iso-damping: the process's gain is off by a factor",
+    "nyquist": "L(jω), the unit circle, and the circle around −1 that L touches",
+    "isodamping": "Step responses when the process's gain is off by a factor",
 }
+
+Figures = dict[str, Figure]
 
 
 def write_report(runs: Sequence[Run], out: Path) -> tuple[Path, Path]:
@@ -42,7 +45,7 @@ def write_report(runs: Sequence[Run], out: Path) -> tuple[Path, Path]:
     ----------
     runs : sequence of Run
     out : Path
-        The HTML page; the PNG gets the same name with ``.png``.
+        The HTML page; the PNG of its main figure gets the same name with ``.png``.
 
     Returns
     -------
@@ -59,7 +62,7 @@ def write_report(runs: Sequence[Run], out: Path) -> tuple[Path, Path]:
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(render(runs), encoding="utf-8")
-        write_image(runs, image)
+        write_image(runs, _names(runs), image)
     except OSError as error:
         raise InputError(f"report {str(out)!r} cannot be written: {error.strerror}") from None
     return out, image
@@ -67,91 +70,111 @@ def write_report(runs: Sequence[Run], out: Path) -> tuple[Path, Path]:
 
 def render(runs: Sequence[Run]) -> str:
     """The page as text."""
-    names = _names(runs)
-    figures: dict[str, Figure] = {}
+    names, figures = _names(runs), Figures()
     content = [_comparison(runs, names, figures)] if len(runs) > 1 else []
-    content += [_run(run, name, f"run{i}", figures) for i, (run, name) in enumerate(zip(runs, names, strict=True))]
-    folder = resources.files("fopid_core.study")
-    parts = {
-        "title": escape(", ".join(names)),
-        "style": folder.joinpath("report_page.css").read_text(encoding="utf-8"),
-        "content": "\n".join(content),
-        "figures": json.dumps(figures, allow_nan=False, separators=(",", ":")).replace("</", "<\\/"),
-        "plotly": _plotly(),
-        "script": folder.joinpath("report_page.js").read_text(encoding="utf-8"),
-    }
-    return Template(folder.joinpath("report_page.html").read_text(encoding="utf-8")).substitute(parts)
+    content += [_run(run, name, f"run{i}", figures) for i, (run, name) in enumerate(zip(runs, names, strict=True), 1)]
+    return Template(_file("report_page.html")).substitute(
+        title=escape(", ".join(names)),
+        style=_file("report_page.css"),
+        content="\n".join(content),
+        figures=json.dumps(figures, allow_nan=False, separators=(",", ":")).replace("</", "<\\/"),
+        plotly=_plotly(),
+        script=_file("report_page.js"),
+    )
+
+
+def _file(name: str) -> str:
+    return resources.files("fopid_core.study").joinpath(name).read_text(encoding="utf-8")
 
 
 @cache
 def _plotly() -> str:
-    return resources.files("plotly.package_data").joinpath("plotly.min.js").read_text(encoding="utf-8")
+    return resources.files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
 
 
 def _names(runs: Sequence[Run]) -> list[str]:
-    """The experiment's name, or the bag's; of several runs always the bag's, which differ."""
-    bags = [f"{run.path.resolve().stem}{run.namespace}" for run in runs]
+    """The experiment's name, or the bag's; several runs are told apart by their bags."""
+    bags = [f"{run.path.resolve().name}{run.namespace}" for run in runs]
     return bags if len(runs) > 1 else [str(runs[0].experiment.get("name") or bags[0])]
 
 
-def _comparison(runs: Sequence[Run], names: Sequence[str], figures: dict[str, Figure]) -> str:
+def _comparison(runs: Sequence[Run], names: Sequence[str], figures: Figures) -> str:
     figures["comparison"] = comparison_figure(runs, names)
     rows = [(name, segment) for run, name in zip(runs, names, strict=True) for segment in segments(run)]
-    return f"""<header><h1>{len(runs)} runs</h1></header>
-<h2>Side by side</h2>
-{_plot("comparison", "signals", "Measurement and control of all runs")}
-{_table([segment for _, segment in rows], [name for name, _ in rows])}"""
+    return f"""<header><h1>{len(runs)} runs side by side</h1></header>
+{plot("comparison", "Measurement and control of all runs", "signals")}
+{table([segment for _, segment in rows], [name for name, _ in rows])}"""
 
 
-def _run(run: Run, name: str, key: str, figures: dict[str, Figure]) -> str:
+def _run(run: Run, name: str, key: str, figures: Figures) -> str:
     figures[f"{key}-signals"] = signals_figure(run)
-    changes = retunings(run)
-    tunings = "".join(_tuning(run, change, f"{key}-tuning{i}", figures) for i, change in enumerate(changes))
+    cut_off = "" if run.whole else '<p class="warning">The recording was cut off; this is what it holds.</p>'
     return f"""<header><h1>{escape(name)}</h1>
-{_equation("P", _process_text(run)) if run.process else ""}
-{_facts(run)}
-{"" if run.whole else '<p class="warning">The recording was cut off; the report shows what it holds.</p>'}</header>
+{equation("P", _process_text(run)) if run.process else ""}
+{_facts(run)}{cut_off}</header>
 <h2>Signals</h2>
-{_plot(f"{key}-signals", "signals", "Setpoint, measurement and control; red: new gains; dotted: limits of the control")}
+{plot(f"{key}-signals", "Red lines: new gains. Dotted: limits of the control.", "signals")}
 <h2>Phases</h2>
-{_table(segments(run))}
-<p class="quiet">Rise from 10 to 90 % and settling to 2 % of the step of the setpoint; IAE and ITAE from the start of each
-phase; Ms and phase margin of the loop with its nominal process.</p>
-{f"<h2>Tunings</h2>{tunings}" if tunings else ""}
+{table(segments(run))}
+<p class="quiet">Rise from 10 to 90 %, settling to 2 % of the step of the setpoint. IAE and ITAE from the start of the
+phase. Ms and phase margin with the nominal process.</p>
+{_tunings(run, key, figures)}
 {_what_was_run(run)}"""
 
 
 def _process_text(run: Run) -> str:
-    """The process as it was typed, where the bag has that."""
-    return run.metadata.get("process") or str(run.experiment.get("process") or run.process)
+    """The process as it was typed, where the bag has that, and what it stands for."""
+    typed = run.metadata.get("process") or str(run.experiment.get("process") or "")
+    return typed if "s" in typed else str(run.process)
 
 
 def _facts(run: Run) -> str:
-    measurement = run.signals["measurement"].time
-    facts = {
-        "duration": f"{number(run.end - float(measurement[0]))} s",
-        "samples": f"{measurement.size:,}",
-        "sample time": f"{number(run.sample_time)} s",
-        "time": str(run.experiment.get("trigger", "")),
-    }
-    items = "".join(f"<li><span>{name}</span><b>{escape(value)}</b></li>" for name, value in facts.items() if value)
-    return f'<ul class="facts">{items}</ul>'
-
-
-def _plot(figure: str, kind: str, caption: str) -> str:
-    return f"""<figure><figcaption>{escape(caption)}</figcaption>
-<div class="plot {kind}" data-figure="{figure}" role="img" aria-label="{escape(caption)}"></div></figure>"""
-
-
-def _table(rows: Sequence[Segment], runs: Sequence[str] = ()) -> str:
-    heads = "".join(
-        f'<th{"" if c.is_number else " class=words"}>{escape(c.heading)}<small>{escape(c.unit)}</small></th>' for c in COLUMNS
+    time = run.signals["measurement"].time
+    return facts(
+        {
+            "duration": f"{number(run.end - float(time[0]))} s",
+            "samples": f"{time.size:,}",
+            "sample time": f"{number(run.sample_time)} s",
+            "ran in": str(run.experiment.get("trigger", "")),
+        }
     )
-    lines = []
-    for i, row in enumerate(rows):
-        first = f'<td class="words">{escape(runs[i])}</td>' if runs else ""
-        cells = "".join(f"<td{'' if c.is_number else ' class=words'}>{escape(c.text(row))}</td>" for c in COLUMNS)
-        lines.append(f"<tr>{first}{cells}</tr>")
-    first_head = '<th class="words">run</th>' if runs else ""
-    return f"""<div class="scroll"><table><thead><tr>{first_head}{heads}</tr></thead>
-<tbody>{"".join(lines)}</tbody></table></div>"""
+
+
+def _tunings(run: Run, key: str, figures: Figures) -> str:
+    changes = retunings(run)
+    shown = list(enumerate(changes, 1))[-MOST_TUNINGS:]
+    if not shown:
+        return ""
+    left_out = f'<p class="quiet">The last {MOST_TUNINGS} of {len(changes)}.</p>' if len(changes) > len(shown) else ""
+    return f"<h2>Gains</h2>{left_out}" + "\n".join(_tuning(run, c, f"{key}-gains{i}", figures) for i, c in shown)
+
+
+def _tuning(run: Run, change: Retuning, key: str, figures: Figures) -> str:
+    title = f'<h3>From {number(change.time)} s <span class="tag">{escape(change.method)}</span></h3>'
+    parts = [title, equation("C", controller_text(change.gains))]
+    if change.tuning:
+        parts.append(f'<p class="quiet">{escape(change.tuning.message)}</p>')
+        parts += [f'<p class="warning">Not met: {escape(unmet)}</p>' for unmet in change.tuning.unmet]
+    parts.append(_loop(run, change, key, figures))
+    return f'<section class="tuning">{"".join(parts)}</section>'
+
+
+def _loop(run: Run, change: Retuning, key: str, figures: Figures) -> str:
+    """Measures and figures of the loop; only the tuner's word where the process is not known."""
+    if run.process is None:
+        return measures(change.tuning.achieved) if change.tuning else ""
+    loop = Loop(run.process, change.gains)
+    verdict = stability(loop)
+    if not verdict.stable:
+        return f'<p class="warning">With its nominal process this loop is not stable: {escape(verdict.reason)}.</p>'
+    drawn = loop_figures(loop)
+    figures |= {f"{key}-{name}": figure for name, figure in drawn.items()}
+    places = "".join(plot(f"{key}-{name}", _CAPTIONS[name]) for name in drawn)
+    return f'{measures(achieved(loop))}<div class="plots">{places}</div>'
+
+
+def _what_was_run(run: Run) -> str:
+    texts = {"bag": str(run.path.resolve()), **run.metadata}
+    short = {name: text for name, text in texts.items() if "\n" not in text and len(text) <= _LONG}
+    long = [folded(name, text) for name, text in texts.items() if name not in short]
+    return f"<h2>What was run</h2>{definitions(short)}{''.join(long)}"
