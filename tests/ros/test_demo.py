@@ -47,7 +47,9 @@ def test_demo_tunes_twice_records_and_reports(tmp_path: Path, process: str) -> N
     assert [tuning.method for tuning in run.tunings] == ["frequency", "time"]
     assert all(tuning.applied for tuning in run.tunings)
     samples = round(experiment.duration / experiment.sample_time)
-    assert len(run.signals["measurement"].time) == len(run.signals["control"].time) == samples  # nothing was lost at full speed
+    assert (
+        len(run.signals["measurement"].time) == len(run.signals["control"].time) == samples
+    )  # nothing was lost at full speed
     assert list(run.signals["measurement"].value) == replayed(experiment, run.tunings, samples)
 
 

@@ -48,7 +48,9 @@ CONFIG = Path(__file__).parents[2] / "config"
         ("fopid_tuner", "method:=guess", ["'guess'", "frequency, time, rule"]),
     ],
 )
-def test_a_bad_start_is_one_line_that_names_the_input(graph: Graph, executable: str, parameter: str, named: list) -> None:
+def test_a_bad_start_is_one_line_that_names_the_input(
+    graph: Graph, executable: str, parameter: str, named: list
+) -> None:
     ended = subprocess.run([BIN / executable, "--ros-args", "-p", parameter], env=graph.environment, timeout=30,
                            capture_output=True, text=True, check=False)  # fmt: skip
     assert ended.returncode == 2
@@ -90,7 +92,9 @@ def test_parameter_files_serve_all_three_nodes_in_any_namespace(graph: Graph, na
 
 
 def test_names_and_topics_can_be_remapped(graph: Graph) -> None:
-    graph.start("fopid_controller", {"kp": 2}, "-r", "__node:=temperature_controller", "-r", "measurement:=oven/reading")
+    graph.start(
+        "fopid_controller", {"kp": 2}, "-r", "__node:=temperature_controller", "-r", "measurement:=oven/reading"
+    )
     assert graph.get("temperature_controller", "kp") == [2.0]
     graph.until(lambda: graph.node.count_subscribers("/oven/reading"), "the remapped topic")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from rcl_interfaces.msg import ParameterEvent
 
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
@@ -14,7 +15,6 @@ from fopid_core.runtime.controller import ControllerSettings, FopidController
 from fopid_msgs.msg import TuningResult
 from fopid_msgs.srv import Reduce, Tune
 from fopid_ros.node import latched_qos
-from rcl_interfaces.msg import ParameterEvent
 
 from .conftest import Graph, LockstepLoop
 

@@ -80,7 +80,9 @@ def read_loop(process: str, gains: str) -> Loop:
 @process_argument
 @gains_option
 @horizon_option
-@click.option("--method", default="exact", metavar="exact|gl1", help="Exact, or sampled as in the paper.")
+@click.option(
+    "--method", type=click.Choice(["exact", "gl1"]), default="exact", help="Exact, or sampled as in the paper."
+)
 @click.option("--step", "sample_time", type=float, default=0.01, show_default=True, metavar="S", help="For gl1 [s].")
 @as_json
 def evaluate_verb(
@@ -133,7 +135,9 @@ def _step_rows(step: StepMeasures | None) -> dict[str, Any]:
 @process_argument
 @gains_option
 @horizon_option
-@click.option("--input", "source", default="setpoint", metavar="setpoint|load", help="Where the unit step comes in.")
+@click.option(
+    "--input", "source", type=click.Choice(["setpoint", "load"]), default="setpoint", help="Where the step comes in."
+)
 @click.option("--points", type=int, default=501, show_default=True, metavar="N", help="Evenly spaced instants.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: png, svg or pdf.")
 @as_json

@@ -37,6 +37,7 @@ from fopid_ros.signals import header_stamp
 DISCOVERY_TIME = 15.0  # how long the other nodes may take to appear [s]
 SLICE = 0.02  # [s] between two looks at the loop
 STALL_TIME = 10.0  # lockstep without progress for this long has stalled [s]
+TABLE_WIDTH = 120  # columns the table needs; a narrower terminal wraps it
 TUNING_TIME = 120.0  # how long a tuning may take [s]
 
 
@@ -284,7 +285,7 @@ def show_results(folder: Path, console: Console) -> None:
     with console.status("writing the report"):
         run = read_bag(folder / "bag")
         page, picture = write_report([run], folder / "report.html")
-    out = Console()
+    out = Console(width=max(TABLE_WIDTH, Console().width))
     out.print(segment_table(segments(run), width=out.width))
     for name, path in (("bag", folder / "bag"), ("report", page), ("picture", picture)):
         print(f"{name:8} {path}")

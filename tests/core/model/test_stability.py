@@ -276,13 +276,14 @@ def in_unit(function: QuasiPolynomial, unit: float) -> QuasiPolynomial:
 
 
 @pytest.mark.parametrize("process", ["P1", "P4", "1/(s+1)*exp(-0.5s)", "2/(s-1)*exp(-0.1s)", "1/(s^1.7+0.2s^0.4)"])
-def test_many_candidates_at_once_get_the_verdict_of_each_alone(process: str) -> None:
+def test_of_many_candidates_at_once_only_stable_ones_pass_and_hardly_one_is_missed(process: str) -> None:
     rng = np.random.default_rng(7)
     lows, highs = [-2, -1, -1, 0, 0], [20, 10, 3, 2, 2]
     candidates = rng.uniform(lows, highs, (300, 5)) * np.append(rng.choice([0.0, 1.0], (300, 3)), np.ones((300, 2)), 1)
     alone = [stability(Loop(read_process(process), Fopid(*row))) for row in candidates]
     mask = stable_mask(read_process(process), candidates)
-    assert mask.tolist() == [verdict.stable for verdict in alone]
+    assert not np.any(mask & [not verdict.stable for verdict in alone])
+    assert mask.sum() >= 0.99 * sum(verdict.stable for verdict in alone)
 
 
 @pytest.mark.parametrize("gains", [[[1, 2, 3]], [[1, 0, 0, 1, math.nan]], np.zeros((2, 2, 5))])

@@ -22,10 +22,10 @@ from fopid_core.model.process import Process
 
 EXCHANGES = 4
 """Most rounds in which frequencies where the design is worse than on the grid are added to the grid."""
-DENSE = 500
+DENSE = 200
 """Points per decade on which the last design is looked at again."""
-AS_GOOD = 0.005
-"""How far a design may be worse there [dB]."""
+AS_GOOD_MS, AS_GOOD_DB = 1.003, 1e-3
+"""By how much a design may be worse there: a factor on ms, and dB on the bounds."""
 FAR = 1e6
 """Merit of a design that breaks a bound."""
 
@@ -43,7 +43,8 @@ class FrequencyDesign:
     ms, t_db, s_db : float
         Of the controller (``t_db`` and ``s_db``: -inf without a bound) [-], [dB], [dB].
     nearest_t_db, nearest_s_db : float
-        When the bounds are not met: the lowest that each can be when the other is let go [dB].
+        Of a bound that is not met: the lowest it can be when the other is let go, or something low enough to meet
+        it [dB]; nan for a bound that is met.
     evaluations : int
         Number of designs looked at.
     """
@@ -91,14 +92,14 @@ def tune_frequency(process: Process, specification: FrequencySpecification) -> F
         if best is None or _is_as_good(dense.measure(best.gains), best):
             break
         square = square.refined(dense.worst_frequencies(best))
-        best = square.best(merit, near=best)
+        best = square.best_near(best, merit)
     return _answer(square, best)
 
 
 def _is_as_good(truth: Designs, design: Designs) -> bool:
     """Whether a design is, on a dense grid, what it was taken to be."""
-    pairs = ((20 * np.log10(truth.ms), 20 * np.log10(design.ms)), (truth.t_db, design.t_db), (truth.s_db, design.s_db))
-    return all(bool(true[0] <= taken[0] + AS_GOOD) for true, taken in pairs)
+    ms = truth.ms[0] <= design.ms[0] * AS_GOOD_MS
+    return bool(ms and truth.t_db[0] <= design.t_db[0] + AS_GOOD_DB and truth.s_db[0] <= design.s_db[0] + AS_GOOD_DB)
 
 
 def _answer(square: OrderSquare, best: Designs | None) -> FrequencyDesign:
@@ -122,17 +123,23 @@ def _merit(specification: FrequencySpecification) -> Merit:
 
 
 def _lowest(square: OrderSquare, best: Designs, name: str) -> float:
-    """The lowest |T| or |S| that an admissible design reaches on its band when the other bound is let go."""
-    other = "s_db" if name == "t_db" else "t_db"
-    bounds = {"t_db": square.specification.t_max, "s_db": square.specification.s_max}
-    if bounds[name] is None or getattr(best, name)[0] <= bounds[name].db:
+    """The lowest |T| or |S| on its band when the other bound is let go, or something low enough."""
+    bound, value = _bound_and_value(square, best, name)
+    other_bound, other_value = _bound_and_value(square, best, "s_db" if name == "t_db" else "t_db")
+    if value <= bound:
         return math.nan
-    if bounds[other] is None or getattr(best, other)[0] <= bounds[other].db:
-        return float(getattr(best, name)[0])  # the only bound that is broken has been made as low as it goes
+    if other_value <= other_bound:
+        return value  # the only bound that is broken has been made as low as it goes
 
     def merit(designs: Designs) -> Real:
         value: Real = getattr(designs, name)
         return value
 
-    lowest = square.best(merit)
-    return math.nan if lowest is None else float(merit(lowest)[0])
+    lowest = square.best(merit, enough=bound)
+    return value if lowest is None else float(merit(lowest)[0])
+
+
+def _bound_and_value(square: OrderSquare, design: Designs, name: str) -> tuple[float, float]:
+    """A bound [dB], infinite for none, and what a design does [dB]."""
+    bound = square.specification.t_max if name == "t_db" else square.specification.s_max
+    return math.inf if bound is None else bound.db, float(getattr(design, name)[0])

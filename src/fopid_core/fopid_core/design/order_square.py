@@ -24,12 +24,14 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 AXIS = np.linspace(0.05, 2.0, 40)  # an order of zero is no integral and no derivative
-POINTS_PER_DECADE = 12
-LINE = np.arange(-3, 4)
-LINE_STEPS = ((0.01, 40), (0.0025, 24), (0.0006, 10))
+POINTS_PER_DECADE = 16
+LINE = np.arange(-4, 5)
+LINE_STEPS = ((0.0125, 40), (0.003, 20), (0.0008, 8))
 """Steps along a line, and how many of the lines are worth it."""
 BEAM = 6
 STEPS = tuple(0.0125 * 0.5**k for k in range(8))
+NEAR = 3
+"""From which of the steps on a design is sought again near one that is known."""
 NEIGHBOURS = np.array([[i, j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])
 FLAT = math.radians(5.0)
 """The phase counts as flat where it stays this close to its value at the crossover [rad]."""
@@ -197,21 +199,39 @@ class OrderSquare:
 
     def refined(self, more: Real) -> OrderSquare:
         """The same with more frequencies."""
-        return OrderSquare(self.process, self.specification, np.union1d(self.w, more))
+        finer = OrderSquare(self.process, self.specification, np.union1d(self.w, more))
+        finer.evaluations = self.evaluations
+        return finer
 
     @cached_property
-    def survey(self) -> Designs:
-        """The admissible designs (bounds aside) on a grid over the whole square."""
-        designs = self.designs(np.stack([axis.ravel() for axis in np.meshgrid(AXIS, AXIS, indexing="ij")], axis=1))
-        return designs[stable_mask(self.process, designs.gains)] if len(designs) else designs
+    def _survey(self) -> Designs:
+        """The designs on a grid over the whole square, stable or not."""
+        return self.designs(np.stack([axis.ravel() for axis in np.meshgrid(AXIS, AXIS, indexing="ij")], axis=1))
 
-    def best(self, merit: Merit, near: Designs | None = None) -> Designs | None:
-        """The admissible design of lowest merit in the whole square, or near one that is known; None without any."""
-        if near is None:
-            found = self._around(self._in_valleys(self.survey, merit), merit)
-        else:
-            found = self._around(self.measure(near.gains), merit)
-        candidates = (found[row : row + 1] for row in range(len(found)))
+    @cached_property
+    def _stable_survey(self) -> Designs:
+        return self._survey[stable_mask(self.process, self._survey.gains)] if len(self._survey) else self._survey
+
+    def best(self, merit: Merit, enough: float = -math.inf) -> Designs | None:
+        """The admissible design of lowest merit in the whole square (bounds aside), or None without any.
+
+        A design on the grid with a merit of ``enough`` or less will do. Nearly always the lowest of all is stable; only when it is not, unstable ones are sorted out beforehand.
+        """
+        lowest = _lowest(self._survey, merit, 1)
+        if len(lowest) and merit(lowest)[0] <= enough and stable_mask(self.process, lowest.gains)[0]:
+            return lowest
+        found = self._around(self._in_valleys(self._survey, merit), merit, STEPS)
+        if len(found) and stable_mask(self.process, found.gains[:1])[0]:
+            return found[:1]
+        found = self._around(self._in_valleys(self._stable_survey, merit), merit, STEPS)
+        return self._first_stable(found)
+
+    def best_near(self, known: Designs, merit: Merit) -> Designs | None:
+        """The admissible design of lowest merit near one that is known."""
+        return self._first_stable(self._around(self.measure(known.gains), merit, STEPS[NEAR:]))
+
+    def _first_stable(self, designs: Designs) -> Designs | None:
+        candidates = (designs[row : row + 1] for row in range(len(designs)))
         return next((design for design in candidates if stable_mask(self.process, design.gains)[0]), None)
 
     def designs(self, orders: Real) -> Designs:
@@ -232,10 +252,10 @@ class OrderSquare:
         """
         return designs.joined(*(self._along_lines(designs, merit, moving) for moving in (0, 1)))
 
-    def _around(self, designs: Designs, merit: Merit) -> Designs:
+    def _around(self, designs: Designs, merit: Merit, steps: tuple[float, ...]) -> Designs:
         """The lowest merit around the best few designs, lowest first, by steps to neighbours, ever shorter."""
         beam = _lowest(designs, merit, BEAM)
-        for step in STEPS:
+        for step in steps:
             centres = np.round(beam.orders / step).astype(int)
             cells = np.unique((centres[:, None] + NEIGHBOURS).reshape(-1, 2), axis=0) * step
             beam = _lowest(beam.joined(self.designs(cells)), merit, BEAM)
@@ -302,8 +322,8 @@ def frequency_grid(specification: FrequencySpecification, per_decade: int = POIN
     named = [specification.crossover]
     named += [bound.frequency for bound in (specification.t_max, specification.s_max) if bound is not None]
     low, middle, high = (math.log10(w) for w in (min(named), specification.crossover, max(named)))
-    far = np.arange(low - 3.0, high + 3.0, 4.0 / per_decade)
-    near = np.arange(middle - 1.5, middle + 1.5, 1.0 / per_decade)
+    far = np.arange(low - 3.0, high + 3.0, 5.0 / per_decade)
+    near = np.arange(middle - 1.3, middle + 1.3, 1.0 / per_decade)
     return np.union1d(10.0 ** np.concatenate([far, near]), named)
 
 

@@ -15,7 +15,7 @@ from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 from fopid_core.model.winding import BORDER, count_zeros, right_half_plane_zeros
 
 _CANDIDATES_AT_ONCE = 256  # keeps the work arrays within a processor's cache
-_MOST_INTERVALS_EACH = 1000  # a candidate that needs more has hundreds of poles near the axis
+_MOST_INTERVALS_EACH = 300  # a candidate that needs more has dozens of poles near the axis
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,8 @@ def _verdict(characteristic: QuasiPolynomial) -> Stability:
     if zeros.origin_order[0] > 0.0 or characteristic.sum_of_order(0.0) == 0.0:
         return Stability(False, count, True, 0.0, "a pole at the origin")
     if not decided:
-        return Stability(False, -1, False, min(margin, BORDER), "too close to the border to call")
+        hopeless = "too many poles near the imaginary axis to count"
+        return Stability(False, -1, False, margin, hopeless if margin > BORDER else "too close to the border to call")
     if count:
         return Stability(False, count, True, margin, f"{count} unstable pole{'s' if count > 1 else ''}")
     return Stability(True, 0, True, margin, "stable")

@@ -24,7 +24,7 @@ _LARGEST_LOG_FREQUENCY = 600.0
 _FIRST_STEP = 0.35
 _FEWEST_STEPS, _MOST_STEPS = 24, 160
 _MOST_HALVINGS = 60
-MOST_INTERVALS = 100_000  # open at once, for one quasi-polynomial
+MOST_INTERVALS = 30_000  # open at once, for one quasi-polynomial
 _LARGEST_LAG = 1e100  # beyond this only overflow matters
 
 
@@ -94,6 +94,7 @@ def count_zeros(coefficients: Floats, orders: Floats, delays: Floats, most_inter
     """
     family = _Family.of(coefficients, orders, delays)
     phase, margin, certain, grid = _follow(family, most_intervals)
+    margin = np.where(family.well_posed, margin, 0.0)
     raw = family.top_order / 2.0 - phase / np.pi
     count = np.rint(raw)
     decided = certain & family.well_posed & (np.abs(raw - count) < 0.01) & (count >= 0)

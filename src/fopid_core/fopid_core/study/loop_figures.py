@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -77,13 +78,17 @@ def _margin_marks(found: Margins, w: Floats, phase: Floats) -> tuple[list[Figure
         degrees = math.degrees(found.phase_margin)
         marks.append(segment((x, x), (top - degrees, top), RED, yref="y2"))
         notes.append(
-            note(math.log10(x), top - 0.5 * degrees, f"phase margin {degrees:.1f}°", yref="y2", yanchor="middle")
+            _beside(x, top - 0.5 * degrees, f"phase margin {degrees:.1f}°", yref="y2", xanchor="right", xshift=-4)
         )
     if math.isfinite(found.gain_margin) and math.isfinite(found.phase_crossover):
         x, db = found.phase_crossover, 20.0 * math.log10(found.gain_margin)
         marks.append(segment((x, x), (-db, 0.0), RED))
-        notes.append(note(math.log10(x), -0.5 * db, f"gain margin {db:.1f} dB", yanchor="middle"))
+        notes.append(_beside(x, -0.5 * db, f"gain margin {db:.1f} dB"))
     return marks, notes
+
+
+def _beside(frequency: float, y: float, text: str, **more: Any) -> Figure:
+    return note(math.log10(frequency), y, text, **{"yanchor": "middle", **more})
 
 
 def sensitivity_figure(loop: Loop, found: Margins, w: Floats) -> Figure:
@@ -110,13 +115,13 @@ def sensitivity_figure(loop: Loop, found: Margins, w: Floats) -> Figure:
 def nyquist_figure(loop: Loop, found: Margins, w: Floats) -> Figure:
     """L(jw) near -1, and the circle around -1 that it touches."""
     response = loop(1j * w)
-    near = response[np.abs(response) < 10.0]
+    near, radius = response[np.abs(response) < 10.0], 1.0 / found.ms
     critical = line([-1.0], [0.0], "−1", RED, mode="markers", marker={"size": 7, "color": RED}, hoverinfo="skip")
     layout = {
         "xaxis": {"title": {"text": "Re L"}, "range": [-2.3, 1.3]},
         "yaxis": {"title": {"text": "Im L"}, "range": [-2.3, 1.3], "scaleanchor": "x"},
-        "shapes": [_circle(-1.0, 1.0 / found.ms, RED, "solid"), _circle(0.0, 1.0, GREY, "dot")],
-        "annotations": [note(-1.0, 1.0 / found.ms, f"radius 1/Ms = {1.0 / found.ms:.2f}", xanchor="center")],
+        "shapes": [_circle(-1.0, radius, RED, "solid"), _circle(0.0, 1.0, GREY, "dot")],
+        "annotations": [note(-1.0 - radius, 0.0, f"1/Ms = {radius:.2f}", xanchor="right", yanchor="middle", xshift=-4)],
         "hovermode": "closest",
     }
     curve = line(near.real, near.imag, "L(jω)", BLUE, hovertemplate="%{x:.4g} %{y:+.4g} j")

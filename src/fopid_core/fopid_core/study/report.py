@@ -13,6 +13,7 @@ from string import Template
 from fopid_core.design.verification import achieved
 from fopid_core.errors import InputError
 from fopid_core.model.loop import Loop
+from fopid_core.model.process import TEST_BENCH
 from fopid_core.model.stability import stability
 from fopid_core.study.loop_figures import loop_figures
 from fopid_core.study.plotly_parts import Figure
@@ -93,9 +94,13 @@ def _plotly() -> str:
 
 
 def _names(runs: Sequence[Run]) -> list[str]:
-    """The experiment's name, or the bag's; several runs are told apart by their bags."""
+    """The experiment's name and process, or the bag's name; several runs are told apart by their bags."""
     bags = [f"{run.path.resolve().name}{run.namespace}" for run in runs]
-    return bags if len(runs) > 1 else [str(runs[0].experiment.get("name") or bags[0])]
+    experiment = runs[0].experiment
+    if len(runs) > 1 or "name" not in experiment:
+        return bags
+    process = str(experiment.get("process", ""))
+    return [f"{experiment['name']} on {process}" if process in TEST_BENCH else str(experiment["name"])]
 
 
 def _comparison(runs: Sequence[Run], names: Sequence[str], figures: Figures) -> str:
@@ -123,9 +128,9 @@ phase. Ms and phase margin with the nominal process.</p>
 
 
 def _process_text(run: Run) -> str:
-    """The process as it was typed, where the bag has that, and what it stands for."""
-    typed = run.metadata.get("process") or str(run.experiment.get("process") or "")
-    return typed if "s" in typed else str(run.process)
+    """The process as it was typed, where the bag has that."""
+    typed = run.metadata.get("process") or str(run.experiment.get("process") or run.process)
+    return TEST_BENCH.get(typed, typed)
 
 
 def _facts(run: Run) -> str:

@@ -55,8 +55,10 @@ def _draw_one(run: Run, above: Axes, below: Axes) -> None:
     for change in retunings(run)[1:]:
         for axes in (above, below):
             axes.axvline(change.time, color=RED, linewidth=0.9)
-        label = {"xytext": (2, -2), "textcoords": "offset points", "va": "top", "color": RED, "fontsize": 8}
-        above.annotate(change.method, (change.time, 1.0), xycoords=("data", "axes fraction"), **label)
+        above.annotate(
+            change.method, (change.time, 1.0), xycoords=("data", "axes fraction"), xytext=(2, -2),
+            textcoords="offset points", va="top", color=RED, fontsize=8,
+        )  # fmt: skip
 
 
 def _draw_all(runs: Sequence[Run], names: Sequence[str], above: Axes, below: Axes) -> None:

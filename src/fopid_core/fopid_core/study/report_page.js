@@ -27,7 +27,7 @@ function annotation(own, narrow) {
   return { ...own, text, font: { size: narrow ? 11 : 12, ...own.font } };
 }
 
-function layout(own, style, width) {
+function layout(own, style, kind, width) {
   const narrow = width < NARROW;
   const styled = { ...own };
   for (const key of Object.keys(own).filter((name) => /^[xy]axis\d*$/.test(name))) {
@@ -38,25 +38,27 @@ function layout(own, style, width) {
     showlegend: false, ...styled,
     font: { family: getComputedStyle(document.body).fontFamily, size: narrow ? 12 : 13, color: style.ink },
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-    margin: { l: narrow ? 46 : 60, r: 12, t: 30, b: 44 },
+    margin: { l: narrow ? 46 : 60, r: 12, t: kind === "signals" ? 46 : 30, b: 44 },
     hoverlabel: { bgcolor: style.paper, bordercolor: style.rule, font: { color: style.ink } },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: style.quiet, activecolor: style.ink },
     dragmode: "zoom", width: undefined, autosize: true,
   };
 }
 
-const config = {
-  responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
-  toImageButtonOptions: { format: "svg" },
-};
+function config(width) {
+  return {
+    responsive: true, displaylogo: false, displayModeBar: width < NARROW ? false : "hover",
+    modeBarButtons: [["zoom2d", "pan2d", "resetScale2d", "toImage"]], toImageButtonOptions: { format: "svg" },
+  };
+}
 
 function draw(plot, printed) {
   const kind = plot.classList.contains("signals") ? "signals" : "other";
   const width = printed ? PRINTED_WIDTH[kind] : plot.clientWidth;
   const figure = figures[plot.dataset.figure];
-  const styled = layout(figure.layout, look(printed), width);
+  const styled = layout(figure.layout, look(printed), kind, width);
   if (printed) Object.assign(styled, { width, autosize: false });
-  return Plotly.react(plot, figure.data, styled, config);
+  return Plotly.react(plot, figure.data, styled, config(width));
 }
 
 function drawAll(printed) {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from itertools import cycle, pairwise
 
@@ -15,6 +14,7 @@ from fopid_core.study.segments import Retuning, retunings
 
 _COLOURS = {"setpoint": GREY, "measurement": BLUE, "control": GREEN, "disturbance": VIOLET}
 _SHADE = "rgba(128,140,155,0.10)"
+_FAR = 3.0  # times the largest control
 _GAP = 0.06  # between panels, as a share of the figure's height
 
 
@@ -25,9 +25,10 @@ def signals_figure(run: Run) -> Figure:
         panels.append(["disturbance"])
     panels = [[name for name in names if name in run.signals] for names in panels]
     changes = retunings(run)[1:]
-    layout = _stacked([" and ".join(names) for names in panels])
+    layout = _stacked([names[-1] for names in panels])
     layout["shapes"] = [*_phase_shades(run), *_limit_lines(run), *map(_retuning_line, changes)]
-    layout["annotations"] = [*_phase_labels(run), *map(_retuning_label, changes)]
+    gap = layout["yaxis"]["domain"][0] - 0.5 * _GAP
+    layout["annotations"] = [*_phase_labels(run), *(_retuning_label(change, gap) for change in changes)]
     data = [
         _curve(run.signals[name], name, _COLOURS[name], _axis(i), run.end, held=name != "measurement")
         for i, names in enumerate(panels)
@@ -68,7 +69,7 @@ def _stacked(titles: Sequence[str]) -> Figure:
         layout[_axis(i).replace("y", "yaxis")] = {"title": {"text": title}, "domain": [bottom, top]}
         top = bottom - _GAP
     layout["xaxis"] = {"title": {"text": "time [s]"}, "anchor": _axis(len(titles) - 1)}
-    layout["legend"] = {"orientation": "h", "x": 0, "y": -0.14}
+    layout["legend"] = {"orientation": "h", "x": 0, "y": -0.12}
     return layout
 
 
@@ -100,12 +101,14 @@ def _phase_labels(run: Run) -> list[Figure]:
 
 
 def _limit_lines(run: Run) -> list[Figure]:
+    """The limits of the control, unless they are so far away that the control would look flat."""
     limits = [run.parameter(name) for name in ("control_min", "control_max")]
+    far = _FAR * np.max(np.abs(run.signals["control"].value))
     dotted = {"color": GREEN, "width": 1, "dash": "dot"}
     return [
         segment((0, 1), (limit, limit), GREEN, xref="paper", yref="y2", line=dotted)
         for limit in limits
-        if isinstance(limit, (int, float)) and math.isfinite(limit)
+        if isinstance(limit, (int, float)) and abs(limit) <= far
     ]
 
 
@@ -113,6 +116,7 @@ def _retuning_line(change: Retuning) -> Figure:
     return segment((change.time, change.time), (0, 1), RED, yref="paper")
 
 
-def _retuning_label(change: Retuning) -> Figure:
-    inside = {"y": 0.995, "yref": "paper", "yanchor": "top", "xanchor": "left", "xshift": 2, "showarrow": False}
-    return {**inside, "name": "retuning", "text": change.method, "x": change.time, "font": {"color": RED}}
+def _retuning_label(change: Retuning, height: float) -> Figure:
+    """The method beside the line, in the gap below the first panel."""
+    beside = {"yref": "paper", "yanchor": "middle", "xanchor": "left", "xshift": 2, "showarrow": False}
+    return {**beside, "name": "retuning", "text": change.method, "x": change.time, "y": height, "font": {"color": RED}}
