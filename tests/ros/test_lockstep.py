@@ -21,7 +21,7 @@ def offline(process: str, samples: int, change_at: int, disturb_at: int, **plant
     simulated = Plant(PlantSettings(read_process(process), sample_time=H, **plant))
     settings = ControllerSettings(Fopid(**ITAE), sample_time=H)
     controller = FopidController(settings)
-    actions = {change_at: lambda c, p: c.reconfigure(with_gains(settings, Fopid(**TABLE_3)))}
+    actions = {change_at: lambda c, _: c.reconfigure(with_gains(settings, Fopid(**TABLE_3)))}
     return simulate(controller, simulated, samples, lambda k: 1.0 if k < change_at else 2.0,
                     lambda k: 0.0 if k < disturb_at else -0.25, actions)  # fmt: skip
 
@@ -86,5 +86,5 @@ def test_two_namespaces_on_one_domain_do_not_touch(graph: Graph) -> None:
     for loop, process, gains, setpoint in ((left, "P1", ITAE, 1.0), (right, "P2", TABLE_3, -3.0)):
         controller = FopidController(ControllerSettings(Fopid(**gains), sample_time=H))
         plant = Plant(PlantSettings(read_process(process), sample_time=H))
-        expected = simulate(controller, plant, 200, lambda k, value=setpoint: value)
+        expected = simulate(controller, plant, 200, lambda _, value=setpoint: value)
         assert [m.value for m in loop.measurements] == list(expected.measurement)

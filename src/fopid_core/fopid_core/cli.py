@@ -194,3 +194,43 @@ def region_verb(process: str, orders: str, kd: float, points: int, plot: Path | 
         "plot": data["plot"],
     }
     emit(data, [("Region of stabilising gains", rows)], as_json)
+
+
+@main.command("report", context_settings=ARGUMENTS)
+@click.argument("bags", nargs=-1, required=True, metavar="BAG...", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="The page; report.html in the first bag.")
+@click.option("--namespace", metavar="NAME", help="Which loop, when a bag holds several.")
+@as_json
+def report_verb(bags: tuple[Path, ...], out: Path | None, namespace: str | None, as_json: bool) -> None:
+    """One self-contained page with plots of recorded runs, and its main figure as PNG beside it."""
+    from fopid_core.study.bag import read_bag
+    from fopid_core.study.report import write_report
+    from fopid_core.study.segments import segments
+
+    runs = [read_bag(bag, namespace) for bag in bags]
+    folder = bags[0] if bags[0].is_dir() else bags[0].parent
+    page, image = write_report(runs, out or folder / "report.html")
+    found = [segments(run) for run in runs]
+    rows = [
+        {"bag": str(bag), "whole": run.whole, "segments": [asdict(segment) for segment in measured]}
+        for bag, run, measured in zip(bags, runs, found, strict=True)
+    ]
+    emit(
+        {"report": str(page), "image": str(image), "runs": rows}, [("Report", {"page": page, "image": image})], as_json
+    )
+    if not as_json:
+        from fopid_core.study.segment_table import print_segments
+
+        for measured in found:
+            print_segments(measured)
+
+
+@main.command("repair", context_settings=ARGUMENTS)
+@click.argument("bag", type=click.Path(path_type=Path))
+@as_json
+def repair_verb(bag: Path, as_json: bool) -> None:
+    """Give a bag that was cut off (by a kill, a full disk) its index back, in place."""
+    from fopid_core.study.bag_repair import repair
+
+    content = repair(bag)
+    emit({"bag": str(bag), "messages": content.counts}, [("Messages", content.counts)], as_json)

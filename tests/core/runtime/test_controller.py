@@ -28,7 +28,7 @@ TABLE_3 = Fopid(0.9116, 0.2526, 0.2023, 1.1577, 0.9973)
 def run(gains: Fopid, sample_time: float, horizon: float = 30.0, **controller: object):
     plant = Plant(PlantSettings(read_process("P1"), sample_time=sample_time))
     settings_ = ControllerSettings(gains, sample_time=sample_time, **controller)
-    return simulate(FopidController(settings_), plant, round(horizon / sample_time), lambda k: 1.0)
+    return simulate(FopidController(settings_), plant, round(horizon / sample_time), lambda _: 1.0)
 
 
 def distance_from_exact(sample_time: float) -> float:

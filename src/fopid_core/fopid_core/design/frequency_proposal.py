@@ -3,38 +3,49 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 from fopid_core.design import defaults
+from fopid_core.design.equation_solvers import optimise_constrained, solve_equations
 from fopid_core.design.frequency_tuning import FrequencyDesign, tune_frequency
-from fopid_core.design.specification import Bound, Expired, FrequencySpecification, Progress, Proposal, TuningRequest
+from fopid_core.design.specification import (
+    Bound,
+    Expired,
+    FrequencySpecification,
+    Progress,
+    Proposal,
+    TuningRequest,
+)
 from fopid_core.model.process import Process
 
-SLOWER = tuple(0.8**k for k in range(16))
+SLOWER = tuple(0.8**k for k in range(12))
 """Shares of the natural crossover that are tried, fastest first, when none is asked for."""
+OTHER_MARGINS = tuple(step for k in range(1, 90, 2) for step in (-k, k))
+"""Changes of the phase margin [deg] that are tried, nearest first, when there is no design for it."""
+LOW_FREQUENCY_DB, LOW_FREQUENCY = -26.0, 1.0 / 30.0
+"""A bound on |S|, at this share of the crossover, that is kept where possible when none is asked for: without it the
+smallest ms is that of an integral so weak that the error takes very long to die out."""
 
 
 def propose_frequency(request: TuningRequest, progress: Progress, expired: Expired) -> Proposal:
     """The best design for a request, on the process itself or via a reduced model."""
     process, remark = _model(request, progress)
+    phase_margin = request.phase_margin or defaults.PHASE_MARGIN
+    crossover = request.crossover or defaults.natural_crossover(process, phase_margin)
+    wished = FrequencySpecification(phase_margin, crossover, request.t_max, request.s_max, request.criterion)
     progress(0.3, "searching the square of orders")
-    specification, design = _design(process, request)
-    evaluations = design.evaluations
-    if request.crossover is None:
-        remark += f"crossover {specification.crossover:.4g} rad/s chosen from the process; "
-    if request.phase_margin is None:
-        remark += f"phase margin {math.degrees(specification.phase_margin):g} deg by default; "
+    if request.solver in ("paper", "monje"):
+        solve = solve_equations if request.solver == "paper" else optimise_constrained
+        found = solve(process, wished)
+        return Proposal(found.controller, found.unmet, remark + request.solver, math.nan, found.evaluations)
+    specification, design = _first_met(process, request, wished, expired)
+    message = remark + _chosen(request, specification)
     if design.controller is None:
-        nearest = _nearest_margin(process, specification)
-        return Proposal(
-            None if nearest is None else nearest[1].controller,
-            (_no_design(specification, nearest),),
-            remark + "no design with gains of one sign",
-            math.nan,
-            evaluations,
-        )
-    message = remark + _praise(specification, design)
-    return Proposal(design.controller, _unmet(specification, design), message, design.ms, evaluations)
+        return _without_design(process, specification, message, design.evaluations)
+    best = "smallest ms" if specification.criterion == "ms" else "widest flat phase"
+    message += f"{best} of all designs that meet it" if design.met else "nearest to the bounds"
+    return Proposal(design.controller, _unmet(specification, design), message, design.ms, design.evaluations)
 
 
 def _model(request: TuningRequest, progress: Progress) -> tuple[Process, str]:
@@ -47,63 +58,81 @@ def _model(request: TuningRequest, progress: Progress) -> tuple[Process, str]:
     return reduced.process, f"designed on {reduced.process} ({request.via}, H2 error {reduced.h2_error:.3g}); "
 
 
-def _design(process: Process, request: TuningRequest) -> tuple[FrequencySpecification, FrequencyDesign]:
-    phase_margin = request.phase_margin or defaults.PHASE_MARGIN
-    natural = request.crossover or defaults.natural_crossover(process, phase_margin)
-    first = FrequencySpecification(phase_margin, natural, request.t_max, request.s_max, request.criterion)
-    design = tune_frequency(process, first)
-    if request.crossover is not None or design.met:
-        return first, design
-    for share in SLOWER[1:]:
-        slower = replace(first, crossover=share * natural)
-        other = tune_frequency(process, slower)
-        if other.met:
-            return slower, other
-    return first, design
+def _first_met(
+    process: Process, request: TuningRequest, wished: FrequencySpecification, expired: Expired
+) -> tuple[FrequencySpecification, FrequencyDesign]:
+    """What was left open is chosen so that there is a design; without one, the design for the wish as it is."""
+    first = None
+    for specification in _choices(request, wished):
+        design = tune_frequency(process, specification)
+        if design.met:
+            return specification, design
+        if specification.s_max == request.s_max and first is None:
+            first = specification, design
+        if expired():
+            break
+    return first or (wished, tune_frequency(process, wished))
 
 
-def _nearest_margin(
-    process: Process, specification: FrequencySpecification
-) -> tuple[float, FrequencyDesign] | None:
-    """The phase margin nearest to the wished one, in whole degrees, for which there is a design."""
-    wished = math.degrees(specification.phase_margin)
-    margins = sorted((m for m in range(2, 179, 2)), key=lambda m: abs(m - wished))
-    for margin in margins:
-        near = replace(specification, phase_margin=math.radians(margin), t_max=None, s_max=None)
-        design = tune_frequency(process, near)
-        if design.controller is not None:
-            return margin, design
-    return None
+def _choices(request: TuningRequest, wished: FrequencySpecification) -> Iterator[FrequencySpecification]:
+    """Specifications to be tried: first what is wished with a fair integral, then slower, then with other margins."""
+    shares = SLOWER if request.crossover is None else (1.0,)
+    turns = (0, *OTHER_MARGINS) if request.phase_margin is None else (0,)
+    for turn in turns:
+        margin = wished.phase_margin + math.radians(turn)
+        if not 0.0 < margin < math.pi:
+            continue
+        for share in shares:
+            crossover = share * wished.crossover
+            plain = replace(wished, phase_margin=margin, crossover=crossover)
+            if request.s_max is None:
+                yield replace(plain, s_max=Bound(LOW_FREQUENCY_DB, LOW_FREQUENCY * crossover))
+            yield plain
 
 
-def _no_design(specification: FrequencySpecification, nearest: tuple[float, FrequencyDesign] | None) -> str:
+def _chosen(request: TuningRequest, specification: FrequencySpecification) -> str:
+    """What nobody asked for."""
+    text = ""
+    if request.crossover is None:
+        text += f"crossover {specification.crossover:.4g} rad/s chosen from the process; "
+    if request.phase_margin is None:
+        text += f"phase margin {math.degrees(specification.phase_margin):g} deg by default; "
+    if request.s_max is None and specification.s_max is not None:
+        text += f"|S| <= {specification.s_max} by default; "
+    return text
+
+
+def _without_design(
+    process: Process, specification: FrequencySpecification, message: str, evaluations: int
+) -> Proposal:
     asked = (
         f"phase margin {math.degrees(specification.phase_margin):.4g} deg with a flat phase at the only crossover "
         f"{specification.crossover:.4g} rad/s"
     )
-    if nearest is None:
-        return f"{asked}: no gains of one sign at any phase margin"
-    return f"{asked}: nearest possible {nearest[0]:g} deg"
-
-
-def _praise(specification: FrequencySpecification, design: FrequencyDesign) -> str:
-    best = "smallest ms" if specification.criterion == "ms" else "widest flat phase"
-    return f"{best} of all designs that meet it" if design.met else "nearest to the bounds"
+    message += "no stable design with gains of one sign"
+    for turn in OTHER_MARGINS:
+        margin = specification.phase_margin + math.radians(turn)
+        if 0.0 < margin < math.pi:
+            near = tune_frequency(process, replace(specification, phase_margin=margin, t_max=None, s_max=None))
+            if near.controller is not None:
+                unmet = f"{asked}: nearest possible {math.degrees(margin):.4g} deg"
+                return Proposal(near.controller, (unmet,), message, near.ms, evaluations)
+    return Proposal(None, (f"{asked}: none at any phase margin",), message, math.nan, evaluations)
 
 
 def _unmet(specification: FrequencySpecification, design: FrequencyDesign) -> tuple[str, ...]:
-    if design.met:
-        return ()
     bounds = (
         ("|T|", specification.t_max, design.t_db, design.nearest_t_db),
         ("|S|", specification.s_max, design.s_db, design.nearest_s_db),
     )
-    return tuple(_shortfall(*bound) for bound in bounds if _is_broken(bound[1], bound[2]))
+    return tuple(
+        f"{function} <= {bound}: {db:.2f} dB here, {_within_reach(bound, nearest)}"
+        for function, bound, db, nearest in bounds
+        if bound is not None and db > bound.db
+    )
 
 
-def _is_broken(bound: Bound | None, db: float) -> bool:
-    return bound is not None and db > bound.db
-
-
-def _shortfall(function: str, bound: Bound | None, db: float, nearest: float) -> str:
-    return f"{function} <= {bound}: {db:.2f} dB here, {nearest:.2f} dB at best with this margin and crossover"
+def _within_reach(bound: Bound, nearest: float) -> str:
+    if nearest <= bound.db:
+        return "possible when the other bound is let go"
+    return f"{nearest:.2f} dB at best with this margin and crossover"

@@ -77,13 +77,11 @@ def _margin_marks(found: Margins, w: Floats, phase: Floats) -> tuple[list[Figure
         x, top = found.crossover, float(np.interp(math.log(found.crossover), np.log(w), phase))
         degrees = math.degrees(found.phase_margin)
         marks.append(segment((x, x), (top - degrees, top), RED, yref="y2"))
-        notes.append(
-            _beside(x, top - 0.5 * degrees, f"phase margin {degrees:.1f}°", yref="y2", xanchor="right", xshift=-4)
-        )
+        notes.append(_beside(x, top - 0.5 * degrees, f"PM {degrees:.1f}°", yref="y2", xanchor="right", xshift=-4))
     if math.isfinite(found.gain_margin) and math.isfinite(found.phase_crossover):
         x, db = found.phase_crossover, 20.0 * math.log10(found.gain_margin)
         marks.append(segment((x, x), (-db, 0.0), RED))
-        notes.append(_beside(x, -0.5 * db, f"gain margin {db:.1f} dB"))
+        notes.append(_beside(x, -0.5 * db, f"GM {db:.1f} dB"))
     return marks, notes
 
 
@@ -121,7 +119,7 @@ def nyquist_figure(loop: Loop, found: Margins, w: Floats) -> Figure:
         "xaxis": {"title": {"text": "Re L"}, "range": [-2.3, 1.3]},
         "yaxis": {"title": {"text": "Im L"}, "range": [-2.3, 1.3], "scaleanchor": "x"},
         "shapes": [_circle(-1.0, radius, RED, "solid"), _circle(0.0, 1.0, GREY, "dot")],
-        "annotations": [note(-1.0 - radius, 0.0, f"1/Ms = {radius:.2f}", xanchor="right", yanchor="middle", xshift=-4)],
+        "annotations": [note(-1.0, 0.0, f"1/Ms = {radius:.2f}", xanchor="center", xshift=0, yshift=6)],
         "hovermode": "closest",
     }
     curve = line(near.real, near.imag, "L(jω)", BLUE, hovertemplate="%{x:.4g} %{y:+.4g} j")

@@ -31,15 +31,15 @@ def numbers(values: ArrayLike) -> list[float | None]:
     return [float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None for value in flat.tolist()]
 
 
-def line(x: ArrayLike, y: ArrayLike, name: str, colour: str, **more: Any) -> Figure:
-    """A curve."""
+def line(x: ArrayLike, y: ArrayLike, name: str, colour: str, shape: str = "linear", **more: Any) -> Figure:
+    """A curve; ``shape`` is ``hv`` for one that holds its value until the next point."""
     return {
         "type": "scatter",
         "mode": "lines",
         "name": name,
         "x": numbers(x),
         "y": numbers(y),
-        "line": {"color": colour, "width": 1.6},
+        "line": {"color": colour, "width": 1.6, "shape": shape, "simplify": False},
         "hovertemplate": "%{y:.5g}",
         **more,
     }

@@ -36,6 +36,14 @@ _CAPTIONS = {
     "isodamping": "Step responses when the process's gain is off by a factor",
 }
 
+_ORIGINS = {
+    "start": "starting gains",
+    "frequency": "tuned by frequency",
+    "time": "tuned in time",
+    "rule": "tuned by a rule",
+    "by hand": "set by hand",
+}
+
 Figures = dict[str, Figure]
 
 
@@ -155,7 +163,8 @@ def _tunings(run: Run, key: str, figures: Figures) -> str:
 
 
 def _tuning(run: Run, change: Retuning, key: str, figures: Figures) -> str:
-    title = f'<h3>From {number(change.time)} s <span class="tag">{escape(change.method)}</span></h3>'
+    origin = _ORIGINS.get(change.method, change.method)
+    title = f'<h3>From {number(change.time)} s <span class="tag">{escape(origin)}</span></h3>'
     parts = [title, equation("C", controller_text(change.gains))]
     if change.tuning:
         parts.append(f'<p class="quiet">{escape(change.tuning.message)}</p>')

@@ -40,6 +40,7 @@ def write_image(runs: Sequence[Run], names: Sequence[str], out: Path) -> None:
     for axes in (above, below):
         axes.grid(visible=True, color="0.9")
         axes.spines[["top", "right"]].set_visible(False)
+        axes.margins(x=0.0)
     above.legend(frameon=False, loc="best")
     figure.savefig(out, format="png", dpi=_DOTS_PER_INCH)
 

@@ -3,7 +3,7 @@ const figures = JSON.parse(document.getElementById("figures").textContent);
 const plots = Array.from(document.querySelectorAll(".plot"));
 const dark = window.matchMedia("(prefers-color-scheme: dark)");
 const NARROW = 520;
-const PRINTED_WIDTH = { signals: 680, other: 325 };
+const PRINTED = { signals: { width: 680, height: 480 }, other: { width: 325, height: 270 } };  // as in the style
 
 function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -54,10 +54,10 @@ function config(width) {
 
 function draw(plot, printed) {
   const kind = plot.classList.contains("signals") ? "signals" : "other";
-  const width = printed ? PRINTED_WIDTH[kind] : plot.clientWidth;
+  const width = printed ? PRINTED[kind].width : plot.clientWidth;
   const figure = figures[plot.dataset.figure];
   const styled = layout(figure.layout, look(printed), kind, width);
-  if (printed) Object.assign(styled, { width, autosize: false });
+  if (printed) Object.assign(styled, PRINTED[kind], { autosize: false });
   return Plotly.react(plot, figure.data, styled, config(width));
 }
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from rich import box
+from rich.console import Console
 from rich.table import Table
 
 from fopid_core.study.segments import Segment
@@ -84,6 +85,12 @@ def segment_table(found: Sequence[Segment], width: int = 120) -> Table:
     15
     """
     return _turned(found) if (len(found) + 1) * _COLUMN_WIDTH <= width else _upright(found)
+
+
+def print_segments(found: Sequence[Segment]) -> None:
+    """Write the table to stdout, as wide as the terminal."""
+    console = Console()
+    console.print(segment_table(found, console.width))
 
 
 def _upright(found: Sequence[Segment]) -> Table:

@@ -56,7 +56,7 @@ def _curve(signal: Signal, name: str, colour: str, axis: str, end: float, *, hel
     if time[-1] < end:
         time, value = np.append(time, end), np.append(value, value[-1])
     shape = "hv" if held else "linear"
-    return line(time, value, name, colour, yaxis=axis, line={"color": colour, "width": 1.6, "shape": shape})
+    return line(time, value, name, colour, yaxis=axis, shape=shape)
 
 
 def _stacked(titles: Sequence[str]) -> Figure:
