@@ -9,11 +9,13 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fopid_core.errors import InputError
-from fopid_core.study.experiment import Experiment, demo_experiment
-from fopid_ros.experiment import run_folder
 from fopid_ros.processes import Children, command, ros_arguments
+
+if TYPE_CHECKING:
+    from fopid_core.study.experiment import Experiment
 
 
 def node_parameters(experiment: Experiment) -> dict[str, dict[str, object]]:
@@ -67,30 +69,33 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of the command ``fopid_demo``."""
-    options = _parser().parse_args(args)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _raise_interrupt)
     try:
-        experiment = demo_experiment(options.process, options.trigger)
+        return _run(_parser().parse_args(args))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+def _run(options: argparse.Namespace) -> int:
+    from fopid_core.study.experiment import demo_experiment, run_folder  # slow to import: an interrupt is heard before
+
+    experiment = demo_experiment(options.process, options.trigger)
     folder = options.out or run_folder("demo")
     try:
         folder.mkdir(parents=True)
         file = folder / "experiment.yaml"
         file.write_text(experiment.to_yaml(), encoding="utf-8")
     except OSError as error:
-        print(f"error: folder {str(folder)!r}: {error.strerror}", file=sys.stderr)
-        return 2
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _raise_interrupt)
+        raise InputError(f"folder {str(folder)!r}: {error.strerror}; allowed: a new folder") from None
     environment = _environment()
     with Children() as children:
-        try:
-            start_nodes(children, experiment, environment)
-            children.start("experiment", [command("experiment"), str(file), "--out", str(folder)], environment)
-            return _watch(children)
-        except KeyboardInterrupt:
-            return 130
+        start_nodes(children, experiment, environment)
+        children.start("experiment", [command("experiment"), str(file), "--out", str(folder)], environment)
+        return _watch(children)
 
 
 def _raise_interrupt(number: int, frame: object) -> None:

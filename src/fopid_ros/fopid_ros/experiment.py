@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from fopid_core.errors import InputError
-from fopid_core.study.experiment import Experiment, Phase, TuneCall, read_experiment
+from fopid_core.study.experiment import Experiment, Phase, TuneCall, read_experiment, run_folder
 from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
 from fopid_msgs.srv import Advance, Tune
 from fopid_ros.node import check_domain, latched_qos
@@ -299,11 +299,6 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def run_folder(name: str) -> Path:
-    """A new folder's name for a run that starts now."""
-    return Path("runs") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
-
-
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of the executable ``experiment``."""
     given = list(sys.argv[1:] if args is None else args)
@@ -322,7 +317,11 @@ def main(args: Sequence[str] | None = None) -> int:
     finally:
         rclpy.try_shutdown()
     if code == 0 and not options.no_report:
-        show_results(folder, console)
+        try:
+            show_results(folder, console)
+        except InputError as error:
+            console.print(f"error: {error}", highlight=False, soft_wrap=True)
+            return 2
     return code
 
 

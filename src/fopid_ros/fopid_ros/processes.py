@@ -86,11 +86,14 @@ class Children:
             return None
 
     def stop(self) -> None:
-        """Interrupt all, last started first, and kill what does not end."""
+        """Tell all to end, last started first, and kill what does not.
+
+        SIGTERM, since a child that is still importing dies of it without a traceback.
+        """
         deadline = time.monotonic() + STOP_TIME
         for _, process in reversed(self._running):
             if process.poll() is None:
-                process.send_signal(signal.SIGINT)
+                process.terminate()
         for _, process in reversed(self._running):
             try:
                 process.wait(max(0.1, deadline - time.monotonic()))

@@ -28,8 +28,8 @@ def gain_sign(process: Process) -> float:
 
     Examples
     --------
-    >>> gain_sign(Process.parse("-2/(s+1)")), gain_sign(Process.parse("1/(s-1)")), gain_sign(Process.parse("(1-s)/(s+1)^2"))
-    (-1.0, 1.0, 1.0)
+    >>> [gain_sign(Process.parse(text)) for text in ("-2/(s+1)", "1/(s-1)", "(1-s)/(s+1)^2")]
+    [-1.0, 1.0, 1.0]
     """
     slow = not process_stability(process).unstable_poles
     value = 1.0
@@ -79,8 +79,8 @@ def _lag_and_gain(process: Process) -> tuple[NDArray[np.float64], NDArray[np.flo
         value = gain_sign(process) * process(1j * _W)
     if not np.all(np.isfinite(value)):
         raise InputError(f"process {process} is infinite at some frequency; allowed: give the crossover")
-    seen = np.abs(value) > 1e-12 * np.abs(value).max()
-    last = len(_W) if seen.all() else int(np.argmin(seen))
-    lag = -np.unwrap(np.angle(value[:last]))
-    lag += 2.0 * math.pi * np.ceil(-(lag[0] + 0.1) / (2.0 * math.pi))
-    return lag, np.abs(value[:last])
+    seen = np.abs(value) > np.finfo(float).tiny
+    value = value if seen.all() else value[: max(int(np.argmin(seen)), 1)]
+    lag = -np.unwrap(np.angle(value))
+    # The first phase is known up to a full turn only: a lag between 0 and a turn.
+    return lag + 2.0 * math.pi * np.ceil(-(lag[0] + 0.1) / (2.0 * math.pi)), np.abs(value)

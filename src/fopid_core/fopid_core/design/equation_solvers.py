@@ -18,7 +18,6 @@ from fopid_core.model.process import Process
 
 Real = NDArray[np.float64]
 
-START = (1.0, 1.0, 1.0, 1.0, 1.0)
 LOWEST, HIGHEST = (1e-6, 1e-6, 0.0, 0.01, 0.01), (500.0, 500.0, 500.0, 2.0, 2.0)
 SOLVED = 1e-6
 """Residual up to which an equation counts as met (angles in rad, gains in dB)."""
@@ -45,6 +44,11 @@ class Residuals:
     slope: float
     t_db: float
     s_db: float
+
+    def vector(self) -> Real:
+        """The residuals as numbers, large where the solver has left what can be computed."""
+        values = np.array(list(self.named().values()))
+        return np.asarray(np.nan_to_num(values, nan=1e3, posinf=1e3, neginf=-1e3))
 
     def named(self) -> dict[str, float]:
         """The residuals in words."""
@@ -81,13 +85,17 @@ def solve_equations(process: Process, specification: FrequencySpecification) -> 
     from scipy.optimize import root
 
     residuals = _residuals_of(process, specification)
-    solution = root(lambda x: np.array(list(residuals(x).named().values())), START, method="hybr")
+
+    def left(x: Real) -> Real:
+        return residuals(x).vector()
+
+    solution = root(left, _start(process, specification), method="hybr")
     return _design(solution.x, residuals(solution.x), int(solution.nfev), one_sided=False)
 
 
 def optimise_constrained(process: Process, specification: FrequencySpecification) -> EquationDesign:
     """The way of Monje et al. (2008): |L| at the crossover is minimised in dB, the rest are constraints (SLSQP)."""
-    from scipy.optimize import minimize
+    from scipy.optimize import NonlinearConstraint, minimize
 
     residuals = _residuals_of(process, specification)
 
@@ -99,26 +107,38 @@ def optimise_constrained(process: Process, specification: FrequencySpecification
         left = residuals(x)
         return -np.array([left.t_db, left.s_db])
 
+    def squared_gain(x: Real) -> float:
+        return residuals(x).gain_db ** 2
+
     solution = minimize(
-        lambda x: residuals(x).gain_db ** 2,
-        START,
+        squared_gain,
+        _start(process, specification),
         bounds=list(zip(LOWEST, HIGHEST, strict=True)),
-        constraints=[{"type": "eq", "fun": equal}, {"type": "ineq", "fun": at_most}],
+        constraints=[NonlinearConstraint(equal, 0.0, 0.0), NonlinearConstraint(at_most, 0.0, np.inf)],
         method="SLSQP",
         options={"maxiter": 300},
     )
     return _design(solution.x, residuals(solution.x), int(solution.nfev), one_sided=True)
 
 
+def _start(process: Process, specification: FrequencySpecification) -> Real:
+    """Plain PID with gain 1 at the crossover."""
+    w = specification.crossover
+    size = 1.0 / abs(complex(process(1j * w)))
+    return np.array([0.8 * size, 0.5 * size * w, 0.3 * size / w, 1.0, 1.0])
+
+
 def _residuals_of(process: Process, specification: FrequencySpecification) -> Callable[[Real], Residuals]:
     t_max, s_max = specification.t_max, specification.s_max
     for name, bound in (("t_max", t_max), ("s_max", s_max)):
         require(bound is not None, name, bound, "a bound, for these five equations")
-    assert t_max is not None and s_max is not None
+    assert t_max is not None
+    assert s_max is not None
     s = 1j * np.array([specification.crossover, t_max.frequency, s_max.frequency])
     log_s, p, slope_of_p = np.log(s), process(s), process.logarithmic_derivative(s[:1])[0]
     wished = np.exp(1j * (specification.phase_margin - math.pi))
 
+    @np.errstate(all="ignore")
     def residuals(x: Real) -> Residuals:
         kp, ki, kd, lam, mu = x
         integral, derivative = ki * np.exp(-lam * log_s), kd * np.exp(mu * log_s)
@@ -138,7 +158,7 @@ def _residuals_of(process: Process, specification: FrequencySpecification) -> Ca
 
 
 def _db(value: complex) -> float:
-    return 20.0 * math.log10(abs(value))
+    return float(20.0 * np.log10(np.abs(value)))
 
 
 def _design(x: Real, left: Residuals, evaluations: int, one_sided: bool) -> EquationDesign:
@@ -147,7 +167,7 @@ def _design(x: Real, left: Residuals, evaluations: int, one_sided: bool) -> Equa
     broken = [
         f"{name}: {value:.3g} off"
         for name, value in values.items()
-        if (value if one_sided and "bound" in name else abs(value)) > SOLVED
+        if not (value if one_sided and "bound" in name else abs(value)) <= SOLVED
     ]
     if not in_range:
         broken.append(f"orders lam = {x[3]:.4g}, mu = {x[4]:.4g}; allowed: 0 to 2")

@@ -19,9 +19,10 @@ from fopid_core.design.specification import (
 )
 from fopid_core.model.process import Process
 
-SLOWER = tuple(0.8**k for k in range(12))
-"""Shares of the natural crossover that are tried, fastest first, when none is asked for."""
-OTHER_MARGINS = tuple(step for k in range(1, 90, 2) for step in (-k, k))
+BEST = {"peaks": "smallest peaks of |S| and |T|", "ms": "smallest ms", "flatness": "widest flat phase"}
+SHARES = (1.0, 0.8, 0.64, 0.5, 0.4, 0.3, 0.2, 0.1)
+"""Shares of the natural crossover that are tried in turn when none is asked for."""
+OTHER_MARGINS = tuple(sign * step for step in (1, 3, 6, 10, 15, 20, 30, 40, 50) for sign in (-1, 1))
 """Changes of the phase margin [deg] that are tried, nearest first, when there is no design for it."""
 LOW_FREQUENCY_DB, LOW_FREQUENCY = -26.0, 1.0 / 30.0
 """A bound on |S|, at this share of the crossover, that is kept where possible when none is asked for: without it the
@@ -43,9 +44,9 @@ def propose_frequency(request: TuningRequest, progress: Progress, expired: Expir
     message = remark + _chosen(request, specification)
     if design.controller is None:
         return _without_design(process, specification, message, design.evaluations)
-    best = "smallest ms" if specification.criterion == "ms" else "widest flat phase"
-    message += f"{best} of all designs that meet it" if design.met else "nearest to the bounds"
-    return Proposal(design.controller, _unmet(specification, design), message, design.ms, design.evaluations)
+    message += f"{BEST[specification.criterion]} of all designs that meet it" if design.met else "nearest to the bounds"
+    cost = design.ms if specification.criterion == "ms" else max(design.ms, design.mt)
+    return Proposal(design.controller, _unmet(specification, design), message, cost, design.evaluations)
 
 
 def _model(request: TuningRequest, progress: Progress) -> tuple[Process, str]:
@@ -76,18 +77,23 @@ def _first_met(
 
 def _choices(request: TuningRequest, wished: FrequencySpecification) -> Iterator[FrequencySpecification]:
     """Specifications to be tried: first what is wished with a fair integral, then slower, then with other margins."""
-    shares = SLOWER if request.crossover is None else (1.0,)
     turns = (0, *OTHER_MARGINS) if request.phase_margin is None else (0,)
     for turn in turns:
         margin = wished.phase_margin + math.radians(turn)
         if not 0.0 < margin < math.pi:
             continue
-        for share in shares:
+        for share in _shares(request, turn):
             crossover = share * wished.crossover
             plain = replace(wished, phase_margin=margin, crossover=crossover)
             if request.s_max is None:
                 yield replace(plain, s_max=Bound(LOW_FREQUENCY_DB, LOW_FREQUENCY * crossover))
             yield plain
+
+
+def _shares(request: TuningRequest, turn: int) -> tuple[float, ...]:
+    if request.crossover is not None:
+        return (1.0,)
+    return SHARES if turn == 0 else SHARES[::3]
 
 
 def _chosen(request: TuningRequest, specification: FrequencySpecification) -> str:

@@ -24,8 +24,8 @@ EXCHANGES = 4
 """Most rounds in which frequencies where the design is worse than on the grid are added to the grid."""
 DENSE = 200
 """Points per decade on which the last design is looked at again."""
-AS_GOOD_MS, AS_GOOD_DB = 1.003, 1e-3
-"""By how much a design may be worse there: a factor on ms, and dB on the bounds."""
+AS_GOOD_PEAK, AS_GOOD_DB = 1.003, 1e-3
+"""By how much a design may be worse there: a factor on ms and mt, and dB on the bounds."""
 FAR = 1e6
 """Merit of a design that breaks a bound."""
 
@@ -40,8 +40,8 @@ class FrequencyDesign:
         The best admissible design, else the one nearest to the bounds, else None.
     met : bool
         Whether the bounds are met.
-    ms, t_db, s_db : float
-        Of the controller (``t_db`` and ``s_db``: -inf without a bound) [-], [dB], [dB].
+    ms, mt, t_db, s_db : float
+        Of the controller (``t_db`` and ``s_db``: -inf without a bound) [-], [-], [dB], [dB].
     nearest_t_db, nearest_s_db : float
         Of a bound that is not met: the lowest it can be when the other is let go, or something low enough to meet
         it [dB]; nan for a bound that is met.
@@ -52,6 +52,7 @@ class FrequencyDesign:
     controller: Fopid | None
     met: bool
     ms: float
+    mt: float
     t_db: float
     s_db: float
     nearest_t_db: float
@@ -98,26 +99,40 @@ def tune_frequency(process: Process, specification: FrequencySpecification) -> F
 
 def _is_as_good(truth: Designs, design: Designs) -> bool:
     """Whether a design is, on a dense grid, what it was taken to be."""
-    ms = truth.ms[0] <= design.ms[0] * AS_GOOD_MS
-    return bool(ms and truth.t_db[0] <= design.t_db[0] + AS_GOOD_DB and truth.s_db[0] <= design.s_db[0] + AS_GOOD_DB)
+    peaks = truth.ms[0] <= design.ms[0] * AS_GOOD_PEAK and truth.mt[0] <= design.mt[0] * AS_GOOD_PEAK
+    bounds = truth.t_db[0] <= design.t_db[0] + AS_GOOD_DB and truth.s_db[0] <= design.s_db[0] + AS_GOOD_DB
+    return bool(peaks and bounds)
 
 
 def _answer(square: OrderSquare, best: Designs | None) -> FrequencyDesign:
     if best is None:
-        return FrequencyDesign(None, False, *(math.nan,) * 5, square.evaluations)
+        nothing = math.nan
+        return FrequencyDesign(None, False, nothing, nothing, nothing, nothing, nothing, nothing, square.evaluations)
     met = bool(best.excess(square.specification)[0] <= 0.0)
-    t_db, s_db, ms = (float(value[0]) for value in (best.t_db, best.s_db, best.ms))
-    nearest = (math.nan, math.nan) if met else (_lowest(square, best, "t_db"), _lowest(square, best, "s_db"))
-    return FrequencyDesign(Fopid(*best.gains[0]), met, ms, t_db, s_db, *nearest, square.evaluations)
+    return FrequencyDesign(
+        controller=Fopid(*best.gains[0]),
+        met=met,
+        ms=float(best.ms[0]),
+        mt=float(best.mt[0]),
+        t_db=float(best.t_db[0]),
+        s_db=float(best.s_db[0]),
+        nearest_t_db=math.nan if met else _lowest(square, best, "t_db"),
+        nearest_s_db=math.nan if met else _lowest(square, best, "s_db"),
+        evaluations=square.evaluations,
+    )
 
 
 def _merit(specification: FrequencySpecification) -> Merit:
     """The criterion among designs that meet the bounds, else how far they are above the one they break most."""
+    criterion: Merit = {
+        "peaks": lambda designs: np.maximum(designs.ms, designs.mt),
+        "ms": lambda designs: designs.ms,
+        "flatness": lambda designs: -designs.flatness,
+    }[specification.criterion]
 
     def merit(designs: Designs) -> Real:
         above = designs.excess(specification)
-        criterion = designs.ms if specification.criterion == "ms" else -designs.flatness
-        return np.where(above > 0.0, FAR + above, criterion)
+        return np.where(above > 0.0, FAR + above, criterion(designs))
 
     return merit
 

@@ -2,8 +2,8 @@
 
 Around a point the signals are linear in the numbers, so an integral of squares is a quadratic whose curvature is known
 and need not be learnt (Gauss and Newton). An absolute value is a square over itself, |e| = e^2 / |e|, with the
-denominator of the last step (iteratively reweighted least squares). The bounds are linear too, and the quadratic programme
-that is left, of at most five numbers, is a least distance problem (Lawson and Hanson 1974, ch. 23).
+denominator of the last step (iteratively reweighted least squares). The bounds are linear too, and the quadratic
+programme that is left, of at most five numbers, is a least distance problem (Lawson and Hanson 1974, ch. 23).
 """
 
 from __future__ import annotations
@@ -67,7 +67,11 @@ def begin(problem: TimeProblem, start: Real) -> Descent:
 
 
 def descend(
-    problem: TimeProblem, descent: Descent, steps: int, tolerance: float = 1e-6, expired: Callable[[], bool] | None = None
+    problem: TimeProblem,
+    descent: Descent,
+    steps: int,
+    tolerance: float = 1e-6,
+    expired: Callable[[], bool] | None = None,
 ) -> Descent:
     """So many steps further, or fewer when they bring less than ``tolerance``, relative, or time is over."""
     winding = problem.winding(descent.gains)

@@ -1,4 +1,4 @@
-"""Nelder and Mead's simplex from perturbed starts with a penalty on what is not allowed, as in section 4.1 of the paper."""
+"""Nelder and Mead's simplex from perturbed starts, with a penalty on what is not allowed: section 4.1 of the paper."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Real = NDArray[np.float64]
 
 PERTURBED = 0.15
 """Relative size of the perturbations."""
-RESTARTS = 3
+RESTARTS = 2
 FORBIDDEN = 1e3
 """Cost, relative to the start's, of a loop that is unstable or breaks a bound; more the further it is off."""
 
@@ -49,8 +49,12 @@ def simplex_search(problem: TimeProblem, start: Descent, expired: Callable[[], b
             simplex = x * (1.0 + PERTURBED * rng.uniform(-1.0, 1.0, size=(len(x) + 1, len(x))))
             simplex[0] = x
             simplex = np.clip(simplex + 0.01 * np.vstack([np.zeros(len(x)), np.eye(len(x))]), low, high)
-            options = {"initial_simplex": simplex, "maxfev": 400, "xatol": 1e-5, "fatol": 1e-6 * start.cost}
-            x = minimize(penalised, x, method="Nelder-Mead", options=options).x
+            x = minimize(
+                penalised,
+                x,
+                method="Nelder-Mead",
+                options={"initial_simplex": simplex, "maxfev": 300, "xatol": 1e-5, "fatol": 1e-6 * start.cost},
+            ).x
             best = min(best, descent_at(x), key=lambda descent: descent.merit)
     except StopIteration:
         pass

@@ -117,7 +117,7 @@ class Objective:
         """The cost of each loop, shape (n,)."""
         signals, absolute, square = self.integrals(behaviour)
         total = np.abs(signals) @ absolute + signals**2 @ square
-        return total if self.is_integral else total + self._zamani(behaviour)
+        return np.asarray(total if self.is_integral else total + self._zamani(behaviour))
 
     def _combined(self, powers: Mapping[str, Real]) -> Real:
         parts = [self.weights.get(name, 0.0) * power for name, power in powers.items()]
@@ -143,7 +143,7 @@ def _crossing(time: Real, outputs: Real, level: float) -> Real:
     rows, before = np.arange(len(outputs)), np.maximum(first - 1, 0)
     low, high = outputs[rows, before], outputs[rows, first]
     share = np.where(high > low, (level - low) / np.where(high > low, high - low, 1.0), 1.0)
-    return time[before] + np.minimum(share, 1.0) * (time[first] - time[before])
+    return np.asarray(time[before] + np.minimum(share, 1.0) * (time[first] - time[before]))
 
 
 def _settling(time: Real, errors: Real) -> Real:
@@ -154,7 +154,7 @@ def _settling(time: Real, errors: Real) -> Real:
     rows = np.arange(len(errors))
     here, after = np.abs(errors[rows, last]), np.abs(errors[rows, last + 1])
     share = np.where(here > after, (here - SETTLED) / np.where(here > after, here - after, 1.0), 1.0)
-    return time[last] + np.clip(share, 0.0, 1.0) * time[1]
+    return np.asarray(time[last] + np.clip(share, 0.0, 1.0) * time[1])
 
 
 def phase_margin(loop: Complex) -> Real:
@@ -173,7 +173,8 @@ def gain_margin(loop: Complex) -> Real:
     near = np.abs(np.diff(np.angle(-loop), axis=1)) < 1.0
     gain = np.log(np.abs(loop))
     reached = np.exp(-(gain[:, :-1] + share * np.diff(gain, axis=1)))
-    return np.where(crosses & near & (reached > 1.0), reached, math.inf).min(axis=1, initial=math.inf)
+    margins = np.where(crosses & near & (reached > 1.0), reached, math.inf)
+    return np.asarray(margins.min(axis=1, initial=math.inf))
 
 
 def _downward(values: Real) -> tuple[Real, NDArray[np.bool_]]:

@@ -109,9 +109,9 @@ class Designs:
 
     Attributes
     ----------
-    table : ndarray, shape (n, 9)
+    table : ndarray, shape (n, 10)
         Columns kp, ki, kd, lam, mu; the largest |T| and |S| on the bands of the bounds [dB] (-inf without a
-        bound); ms; and the width of the flat phase [decades] (0 unless it is the criterion).
+        bound); ms; mt; and the width of the flat phase [decades] (0 unless it is the criterion).
     """
 
     table: Real
@@ -142,9 +142,14 @@ class Designs:
         return self.table[:, 7]
 
     @property
+    def mt(self) -> Real:
+        """Largest |T|, shape (n,)."""
+        return self.table[:, 8]
+
+    @property
     def flatness(self) -> Real:
         """Width of the flat phase [decades], shape (n,)."""
-        return self.table[:, 8]
+        return self.table[:, 9]
 
     def __len__(self) -> int:
         return len(self.table)
@@ -215,7 +220,8 @@ class OrderSquare:
     def best(self, merit: Merit, enough: float = -math.inf) -> Designs | None:
         """The admissible design of lowest merit in the whole square (bounds aside), or None without any.
 
-        A design on the grid with a merit of ``enough`` or less will do. Nearly always the lowest of all is stable; only when it is not, unstable ones are sorted out beforehand.
+        A design on the grid with a merit of ``enough`` or less will do. Nearly always the lowest of all is stable;
+        only when it is not, unstable ones are sorted out beforehand.
         """
         lowest = _lowest(self._survey, merit, 1)
         if len(lowest) and merit(lowest)[0] <= enough and stable_mask(self.process, lowest.gains)[0]:
@@ -271,10 +277,11 @@ class OrderSquare:
         return designs
 
     def worst_frequencies(self, design: Designs) -> Real:
-        """Where one design has its largest |S|, and its largest |T| and |S| on the bands of the bounds [rad/s]."""
+        """Where one design has its largest |S| and |T|, overall and on the bands of the bounds [rad/s]."""
         loop = self._loop(design.gains)[0]
         s_gain = 1.0 / np.abs(1.0 + loop)
-        looked_at = ((slice(None), s_gain), (self._t_band, np.abs(loop) * s_gain), (self._s_band, s_gain))
+        t_gain, everywhere = np.abs(loop) * s_gain, slice(None)
+        looked_at = ((everywhere, s_gain), (everywhere, t_gain), (self._t_band, t_gain), (self._s_band, s_gain))
         return np.array([self.w[band][np.argmax(gain[band])] for band, gain in looked_at if len(self.w[band])])
 
     def measure(self, gains: Real) -> Designs:
@@ -283,23 +290,23 @@ class OrderSquare:
 
     def _measure(self, gains: Real, loop: Complex) -> Designs:
         s_power = 1.0 / _power(1.0 + loop)
-        t_power = _power(loop[:, self._t_band]) * s_power[:, self._t_band]
-        t_db, s_db = _worst_db(t_power), _worst_db(s_power[:, self._s_band])
-        ms = np.sqrt(s_power.max(axis=1, initial=1.0))
-        return Designs(np.column_stack([gains, t_db, s_db, ms, self._flatness(loop)]))
+        t_power = _power(loop) * s_power
+        t_db, s_db = _worst_db(t_power[:, self._t_band]), _worst_db(s_power[:, self._s_band])
+        ms, mt = (np.sqrt(power.max(axis=1, initial=1.0)) for power in (s_power, t_power))
+        return Designs(np.column_stack([gains, t_db, s_db, ms, mt, self._flatness(loop)]))
 
     def _loop(self, gains: Real) -> Complex:
         """L(j w), shape (n, frequencies)."""
         kp, ki, kd, lam, mu = gains.T[..., None]
         integral = ki * np.exp(-0.5j * np.pi * lam) * np.exp(-lam * self._log_w)
         derivative = kd * np.exp(0.5j * np.pi * mu) * np.exp(mu * self._log_w)
-        return self._p * (kp + integral + derivative)
+        return np.asarray(self._p * (kp + integral + derivative))
 
     def _crosses_once(self, loop: Complex) -> NDArray[np.bool_]:
         below = self._up_to(0.999 * self.specification.crossover)
         above = self._at_and_above(1.001 * self.specification.crossover)
         power = _power(loop)
-        return (power[:, below] > 1.0).all(axis=1) & (power[:, above] < 1.0).all(axis=1)
+        return np.asarray((power[:, below] > 1.0).all(axis=1) & (power[:, above] < 1.0).all(axis=1))
 
     def _flatness(self, loop: Complex) -> Real:
         """Decades around the crossover in which the phase stays within FLAT of the wished one."""

@@ -122,7 +122,7 @@ def reduce(process: Process, template: str, keep_gain: bool = False, clock: Cloc
     """
     begun = clock()
     one_of("template", template, tuple(_FREE))
-    _check(process)
+    _check(process, keep_gain)
     fit = _Fit.of(process, keep_gain)
     numbers = fit.best(template)
     parameters = _parameters(template, fit.unscaled(numbers))
@@ -154,7 +154,7 @@ def preferred(models: tuple[ReducedModel, ...]) -> Preference:
     return Preference(choice, reason)
 
 
-def _check(process: Process) -> None:
+def _check(process: Process, keep_gain: bool) -> None:
     if process.numerator.is_zero:
         raise InputError(f"process {process} is zero; allowed: a process that answers its input")
     if not process_stability(process).stable:
@@ -164,6 +164,8 @@ def _check(process: Process) -> None:
             f"process {process} has relative degree {process.relative_degree:g}, so its H2 norm is infinite; "
             "allowed: above 1/2"
         )
+    if keep_gain and process.steady_state_gain == 0.0:
+        raise InputError(f"process {process} has no steady-state gain to keep; allowed: a gain other than 0")
 
 
 def _parameters(template: str, numbers: Real) -> dict[str, float]:
@@ -207,14 +209,15 @@ class _Fit:
         unit = float(w[np.argmax(w * np.abs(values) ** 2)])
         scale = norm / math.sqrt(unit)
         gain = process.steady_state_gain / scale if keep_gain else None
-        s, root = 1j * w / unit, np.sqrt(weight / unit)
+        s: Complex = np.asarray(1j * w / unit)
+        root: Real = np.sqrt(weight / unit)
         return _Fit(s, np.log(s), root * values / scale, root, process.delay * unit, unit, scale, gain, norm)
 
     def model(self, numbers: Real) -> Complex:
         """The model's values with unit gain, weighted."""
         _, log_t, b, alpha, beta, delay = numbers
         denominator = np.exp(log_t + alpha * self.log_s) + b * np.exp(beta * self.log_s) + 1.0
-        return self.weight * np.exp((self.delay - delay) * self.s) / denominator
+        return np.asarray(self.weight * np.exp((self.delay - delay) * self.s) / denominator)
 
     def error(self, numbers: Real) -> float:
         """H2 norm of the difference, as a share of the process's own."""
@@ -286,8 +289,14 @@ class _Fit:
             return float(np.vdot(difference, difference).real), 2.0 * (slopes[free] @ difference.conj()).real
 
         bounds = list(zip(_LOW[free], _HIGH[free], strict=True))
-        options = {"ftol": 1e-14, "maxiter": 300}
-        solution = minimize(squared_error, start[free], jac=True, bounds=bounds, method="SLSQP", options=options)
+        solution = minimize(
+            squared_error,
+            start[free],
+            jac=True,
+            bounds=bounds,
+            method="SLSQP",
+            options={"ftol": 1e-14, "maxiter": 300},
+        )
         return whole(solution.x)
 
 
@@ -303,9 +312,9 @@ def _nodes(process: Process) -> tuple[Real, Real]:
     rough = np.abs(process(1j * np.exp(x))) ** 2 * np.exp(x)
     heavy = x[rough > 1e-9 * rough.max()]
     low, high = heavy[0], heavy[-1]
-    panels = quad_vec(
-        density, low, high, epsrel=1e-6, points=np.arange(low + 1.0, high, 1.0), full_output=True
-    )[2].intervals
+    panels = quad_vec(density, low, high, epsrel=1e-6, points=np.arange(low + 1.0, high, 1.0), full_output=True)[
+        2
+    ].intervals
     # Models fall off more slowly than the process may: their tails count as well.
     tails = [[high + 2.0 * k, high + 2.0 * k + 2.0] for k in range(4)]
     edges = np.concatenate([panels, tails])

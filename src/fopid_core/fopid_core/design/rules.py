@@ -1,7 +1,7 @@
 """Published tuning rules: five numbers at once from the model K e^(-L s) / (T s + 1), each within its range.
 
-Every rule has been checked against what its authors promise: the margins or the maximum sensitivity that it gives over its
-range (see the tests). A rule refuses a process outside its range, and says what the range is.
+Every rule was checked against what its authors promise, the margins or the largest sensitivity over its range (see the
+tests). A rule refuses a process outside its range, and says what the range is.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from fopid_core.design.reduction import reduce
 from fopid_core.design.specification import Expired, Progress, Proposal, TuningRequest, one_of
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
-from fopid_core.model.templates import TEMPLATES
 
 
 @dataclass(frozen=True)
@@ -67,6 +66,7 @@ class Rule:
 
 def propose_rule(request: TuningRequest, progress: Progress, expired: Expired) -> Proposal:
     """The controller that a rule gives for a request's process."""
+    del expired  # a rule takes no time
     name = request.rule or "padula-visioli-setpoint-1.4"
     one_of("rule", name, (*RULES, DOMINANT_POLES))
     if name == DOMINANT_POLES:
@@ -76,7 +76,9 @@ def propose_rule(request: TuningRequest, progress: Progress, expired: Expired) -
     model = foptd_of(request.process)
     controller = rule.controller(model)
     read = f"read off K = {model.gain:.4g}, T = {model.lag:.4g} s, L = {model.delay:.4g} s"
-    unmet = () if controller else (f"rule {name}: {read}, L/(L+T) = {model.relative_delay:.3g}; valid for {rule.valid}",)
+    unmet = (
+        () if controller else (f"rule {name}: {read}, L/(L+T) = {model.relative_delay:.3g}; valid for {rule.valid}",)
+    )
     chosen = "" if request.rule else f"rule {name} by default; "
     return Proposal(controller, unmet, f"{chosen}{rule.source}, {read}", math.nan, 1)
 
@@ -221,21 +223,27 @@ _ALL_RULES = (
         f"{_PADULA_VISIOLI}, setpoint, Ms = 1.4",
         _PADULA_VISIOLI_VALID,
         _is_within_padula_visioli,
-        _PadulaVisioli((0.6503, -0.9166, -0.6741), (0.04701, -0.2611, 0.9276), (0.3563, 1.2, 0.0003108), (1.1, 1.2, 1.2)),
+        _PadulaVisioli(
+            (0.6503, -0.9166, -0.6741), (0.04701, -0.2611, 0.9276), (0.3563, 1.2, 0.0003108), (1.1, 1.2, 1.2)
+        ),
     ),
     Rule(
         "padula-visioli-setpoint-2.0",
         f"{_PADULA_VISIOLI}, setpoint, Ms = 2.0",
         _PADULA_VISIOLI_VALID,
         _is_within_padula_visioli,
-        _PadulaVisioli((0.9294, -0.933, -0.9205), (-0.001427, -1.003, 1.031), (0.4203, 1.229, 0.01822), (1.0, 1.1, 1.2)),
+        _PadulaVisioli(
+            (0.9294, -0.933, -0.9205), (-0.001427, -1.003, 1.031), (0.4203, 1.229, 0.01822), (1.0, 1.1, 1.2)
+        ),
     ),
     Rule(
         "padula-visioli-load-1.4",
         f"{_PADULA_VISIOLI}, load, Ms = 1.4",
         _PADULA_VISIOLI_VALID,
         _is_within_padula_visioli,
-        _PadulaVisioli((0.2776, -1.095, -0.1426), (0.6241, 0.5573, 0.0442), (0.4793, 0.7469, -0.02393), (1.0, 1.1, 1.2)),
+        _PadulaVisioli(
+            (0.2776, -1.095, -0.1426), (0.6241, 0.5573, 0.0442), (0.4793, 0.7469, -0.02393), (1.0, 1.1, 1.2)
+        ),
     ),
     Rule(
         "padula-visioli-load-2.0",

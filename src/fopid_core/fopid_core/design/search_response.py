@@ -1,9 +1,9 @@
 """Step responses of many controllers on one process, as fast as a search needs them.
 
-One inverse FFT on the line s = a + j w gives a whole response (Dubner and Abate 1968). What does not depend on the gains
-is worked out once. A smooth reference 1 / (1 + s/c)^4 is taken out of the output, and put back in time, so that what is
-transformed both begins and ends at zero: then a small ``a`` is enough, and no error is blown up at late times.
-``model.response`` is the accurate answer, with an error estimate; this one is checked against it at the end of a search.
+One inverse FFT on the line s = a + j w gives a whole response (Dubner and Abate 1968). What does not depend on the
+gains is worked out once. A smooth reference 1 / (1 + s/c)^4 is taken out of the output, and put back in time, so that
+what is transformed both begins and ends at zero: then a small ``a`` is enough, and no error is blown up at late times.
+``model.response`` is the accurate answer, with an error estimate.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class ResponseGrid:
 
     def _controller(self, gains: Real) -> Complex:
         kp, ki, kd, lam, mu = gains.T[..., None]
-        return kp + ki * np.exp(-lam * self._log_s) + kd * np.exp(mu * self._log_s)
+        return np.asarray(kp + ki * np.exp(-lam * self._log_s) + kd * np.exp(mu * self._log_s))
 
     def _in_time(self, transform: Complex) -> Real:
         return np.fft.irfft(transform, axis=1)[:, : len(self.time)] * self._rise

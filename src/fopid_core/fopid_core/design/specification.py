@@ -12,7 +12,7 @@ from fopid_core.model.process import Process
 
 METHODS = ("frequency", "time", "rule")
 VIA = ("none", "foptd", "soptd", "nioptd1", "nioptd2")
-CRITERIA = ("ms", "flatness")
+CRITERIA = ("peaks", "ms", "flatness")
 FREQUENCY_SOLVERS = ("square", "paper", "monje")
 TIME_SOLVERS = ("gauss-newton", "nelder-mead")
 NUMBERS = ("kp", "ki", "kd", "lam", "mu")
@@ -25,6 +25,11 @@ Expired = Callable[[], bool]
 
 Clock = Callable[[], float]
 """A clock that only goes forward [s]."""
+
+
+def no_progress(share: float, what: str) -> None:
+    """Report to nobody."""
+    del share, what
 
 
 @dataclass(frozen=True)
@@ -63,15 +68,15 @@ class FrequencySpecification:
     t_max, s_max : Bound, optional
         Eqs. (4) and (5).
     criterion : str
-        What is best among the designs that meet them: the smallest ``ms`` = max |S| or the widest
-        ``flatness`` of the phase, eq. (3).
+        What is best among the designs that meet them: the smallest ``peaks``, the larger of max |S| and max |T|;
+        the smallest ``ms`` = max |S|; or the widest ``flatness`` of the phase, eq. (3).
     """
 
     phase_margin: float
     crossover: float
     t_max: Bound | None = None
     s_max: Bound | None = None
-    criterion: str = "ms"
+    criterion: str = "peaks"
 
     def __post_init__(self) -> None:
         require(0 < self.phase_margin < math.pi, "phase_margin", self.phase_margin, "above 0 and below pi rad")
@@ -97,14 +102,15 @@ class TuningRequest:
         For ``frequency``: the template the process is reduced to first, or ``none``.
     criterion : str
         For ``frequency``: among all designs that meet the specification take the one with the smallest
-        ``ms`` or the widest ``flatness`` of the phase.
+        ``peaks`` of |S| and |T|, the smallest ``ms`` or the widest ``flatness`` of the phase.
     index : str
         For ``time``: ``iae ise itae itse istes istse sum``, ``zamani`` or ``energy`` (with ``weights``).
     horizon : float, optional
         For ``time``: the time the index is integrated over [s].
     ms_max, u_max, noise_max : float, optional
         For ``time``: bounds on max |S|, on the peak of the control after a unit setpoint step, and on the
-        gain from measurement noise to control, both for the controller as it runs at ``sample_time``; infinite for none.
+        gain from measurement noise to control, both for the controller as it runs at ``sample_time``; infinite
+        for none.
     sample_time : float
         For ``time``: the tick of the controller as it will run [s].
     fixed : mapping
@@ -132,7 +138,7 @@ class TuningRequest:
     t_max: Bound | None = None
     s_max: Bound | None = None
     via: str = "none"
-    criterion: str = "ms"
+    criterion: str = "peaks"
     index: str = "itae"
     horizon: float | None = None
     ms_max: float | None = None

@@ -94,6 +94,8 @@ class TimeProblem:
     specification : TimeSpecification
     points : int, optional
         Number of time steps up to the horizon; chosen from the process when not given.
+    density : int
+        Frequencies in each band.
     watch_control : bool
         Whether the whole control signal is bounded, not its first sample only, which nearly always is the largest.
     """
@@ -103,14 +105,16 @@ class TimeProblem:
         process: Process,
         specification: TimeSpecification,
         points: int | None = None,
+        density: int = 20,
         watch_control: bool = False,
     ) -> None:
-        self.process, self.specification, self.watch_control = process, specification, watch_control
+        self.process, self.specification = process, specification
+        self.density, self.watch_control = density, watch_control
         self.speed, self.gain = natural_crossover(process, PHASE_MARGIN), process_gain(process)
         self.points = points or enough_points(specification.horizon * self.speed)
         self.evaluations = 0
         self._grid = ResponseGrid(process, specification.horizon, self.points, self.speed)
-        self._w = self.speed * np.logspace(-2.5, 2.5, 20 * BANDS)
+        self._w = self.speed * np.logspace(-2.5, 2.5, density * BANDS)
         self._p = process(1j * self._w)
         nyquist = max(math.pi / specification.sample_time, self.speed)
         self._noise_w = np.geomspace(0.1 * self.speed, nyquist, 60)
@@ -135,6 +139,11 @@ class TimeProblem:
     def free(self) -> NDArray[np.intp]:
         """Positions of the numbers that may change."""
         return np.flatnonzero(self.box[:, 0] < self.box[:, 1])
+
+    def changed(self, **changes: int | bool) -> TimeProblem:
+        """The same problem on other grids."""
+        kept = {"points": self.points, "density": self.density, "watch_control": self.watch_control}
+        return TimeProblem(self.process, self.specification, **(kept | changes))  # type: ignore[arg-type]
 
     def cost_and_slack(self, gains: Real) -> tuple[Real, Real]:
         """Cost (n,) and what is left to each bound (n, bounds), relative; negative where it is broken."""
@@ -175,20 +184,20 @@ class TimeProblem:
 
     def largest_control(self, gains: Real) -> Real:
         """Peak of the control after a unit setpoint step, shape (n,), of the controller as it runs."""
-        return np.abs(self._controls(gains)).max(axis=1)
+        return np.asarray(np.abs(self._controls(gains)).max(axis=1))
 
     def final_error(self, gains: Real) -> float:
         """What is left of the error of one controller at the horizon."""
         return float(self._grid.errors(gains[None])[0, -1])
 
     def ms(self, gains: Real) -> Real:
-        """max |S|, shape (n,)."""
-        return 1.0 / np.abs(1.0 + self._p * _controller(gains, self._w)).min(axis=1)
+        """Largest |S|, shape (n,)."""
+        return np.asarray(1.0 / np.abs(1.0 + self._p * _controller(gains, self._w)).min(axis=1))
 
     def noise_gain(self, gains: Real) -> Real:
-        """max |C S| up to the Nyquist frequency, shape (n,)."""
+        """Largest |C S| up to the Nyquist frequency, shape (n,)."""
         controller = _controller(gains, self._noise_w)
-        return np.abs(controller / (1.0 + controller * self._noise_p)).max(axis=1)
+        return np.asarray(np.abs(controller / (1.0 + controller * self._noise_p)).max(axis=1))
 
     def _behaviour(self, gains: Real) -> Behaviour:
         self.evaluations += len(gains)

@@ -8,7 +8,8 @@ from fopid_core.design import defaults
 from fopid_core.design.objectives import Objective
 from fopid_core.design.specification import Expired, Progress, Proposal, TuningRequest, require
 from fopid_core.design.time_problem import TimeSpecification
-from fopid_core.design.time_tuning import TimeDesign, tune_time
+from fopid_core.design.time_tuning import BARELY, TimeDesign, tune_time
+from fopid_core.model.process import Process
 
 TURNS = 40.0
 """Default horizon, in radians of the natural crossover."""
@@ -27,7 +28,9 @@ def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -
         return Proposal(None, unmet, message, math.nan, 0)
     if abs(design.final_error) > 0.02:
         message += f"; the error does not die out: {design.final_error:.3g} is left at the horizon"
-    return Proposal(design.controller, _unmet(specification, design), message, design.cost, design.evaluations)
+    return Proposal(
+        design.controller, _unmet(request.process, specification, design), message, design.cost, design.evaluations
+    )
 
 
 def _specification(request: TuningRequest) -> TimeSpecification:
@@ -60,7 +63,7 @@ def _assumptions(request: TuningRequest, specification: TimeSpecification) -> st
     return ", ".join(parts)
 
 
-def _unmet(specification: TimeSpecification, design: TimeDesign) -> tuple[str, ...]:
+def _unmet(process: Process, specification: TimeSpecification, design: TimeDesign) -> tuple[str, ...]:
     if design.met:
         return ()
     bounds = (
@@ -68,8 +71,12 @@ def _unmet(specification: TimeSpecification, design: TimeDesign) -> tuple[str, .
         ("control peak", specification.u_max, design.control_peak),
         ("noise gain", specification.noise_max, design.noise_gain),
     )
-    return tuple(
+    unmet = [
         f"{name} <= {bound:g}: {value:.4g} is the nearest found"
         for name, bound, value in bounds
-        if value > bound * (1.0 + 1e-4)
-    )
+        if value > bound * (1.0 + BARELY)
+    ]
+    at_rest = abs(1.0 / process.steady_state_gain)
+    if at_rest > specification.u_max:
+        unmet.append(f"control peak <= {specification.u_max:g}: holding the setpoint alone takes {at_rest:.4g}")
+    return tuple(unmet) or ("the bounds together: the nearest found breaks one by less than 0.01 %",)

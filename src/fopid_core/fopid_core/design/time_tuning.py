@@ -1,9 +1,9 @@
 """Time-domain tuning, eqs. (23) to (30): the best index of the step response under bounds.
 
 Every index of the error asks for more gain without end, so bounds belong to the specification: on max |S|, on the peak
-of the control of the controller as it runs, and on the gain from measurement noise to control. The search begins from the
-best of many designs that lie on the bounds already. An unstable loop never wins: what is handed out was decided by
-the argument principle on the process itself.
+of the control of the controller as it runs, and on the gain from measurement noise to control. The search begins from
+the best of many designs that lie on the bounds already. An unstable loop never wins: what is handed out was decided
+by the argument principle on the process itself.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fopid_core.design.gauss_newton import Descent, begin, descend
 from fopid_core.design.nelder_mead import simplex_search
-from fopid_core.design.specification import Expired, Progress
+from fopid_core.design.specification import Expired, Progress, no_progress
 from fopid_core.design.time_problem import TimeProblem, TimeSpecification
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
@@ -30,8 +30,12 @@ SHAPES = 96
 BEGUN, FOLLOWED = 6, 2
 """How many of them a descent begins from, and how many descents are followed to the end."""
 FIRST_STEPS, LAST_STEPS = 8, 80
-RIGHT = 1e-3
-"""Relative error of the cost from which on the time steps are too long."""
+BARELY = 1e-4
+"""A bound broken by this share counts as met."""
+RIGHT, ROUGHLY_RIGHT = 1e-3, 2e-2
+"""Relative error of the cost from which on the time steps are too long; the latter for costs that jump."""
+RIGHT_MS, DENSE = 1e-4, 160
+"""Relative error of ms from which on the frequencies are too few, and how many a band has then."""
 MOST_POINTS = 1 << 15
 
 
@@ -103,8 +107,7 @@ def tune_time(
     >>> design.met, round(design.cost, 1)
     (True, 2.5)
     """
-    report = progress or (lambda share, what: None)
-    search = _Search(process, specification, solver, seed, report, expired or (lambda: False))
+    search = _Search(process, specification, solver, seed, progress or no_progress, expired or (lambda: False))
     problem = TimeProblem(process, specification)
     found = search.run(problem, _first_rows(start))
     while found is not None:
@@ -122,14 +125,16 @@ def _first_rows(start: Fopid | None) -> Real:
 
 
 def _better_problem(problem: TimeProblem, found: Descent) -> TimeProblem | None:
-    """The problem with shorter time steps or with an eye on the whole control, if the found design needs it."""
-    specification, process = problem.specification, problem.process
-    gains = found.gains[None]
-    if not problem.watch_control and problem.largest_control(gains)[0] > specification.u_max:
-        return TimeProblem(process, specification, problem.points, watch_control=True)
-    finer = TimeProblem(process, specification, 2 * problem.points, problem.watch_control)
+    """The problem on finer grids or with an eye on the whole control, if the found design needs it."""
+    bounds, gains = problem.specification, found.gains[None]
+    if not problem.watch_control and problem.largest_control(gains)[0] > bounds.u_max:
+        return problem.changed(watch_control=True)
+    denser = problem.changed(density=DENSE)
+    if problem.density < DENSE and denser.ms(gains)[0] > max(bounds.ms_max, problem.ms(gains)[0]) * (1.0 + RIGHT_MS):
+        return denser
+    finer = problem.changed(points=2 * problem.points)
     cost = float(finer.cost_and_slack(gains)[0][0])
-    is_right = abs(cost - found.cost) <= RIGHT * cost
+    is_right = abs(cost - found.cost) <= (RIGHT if bounds.objective.is_integral else ROUGHLY_RIGHT) * cost
     return None if is_right or finer.points > MOST_POINTS else finer
 
 
@@ -137,7 +142,7 @@ def _answer(problem: TimeProblem, found: Descent, evaluations: int) -> TimeDesig
     gains = found.gains[None]
     return TimeDesign(
         controller=Fopid(*(float(number) for number in found.gains)),
-        met=found.slack >= -1e-4,
+        met=found.slack >= -BARELY,
         cost=found.cost,
         ms=float(problem.ms(gains)[0]),
         control_peak=float(problem.largest_control(gains)[0]),
@@ -180,9 +185,11 @@ class _Search:
     def _descend(self, problem: TimeProblem, begun: list[Descent]) -> list[Descent]:
         if not self.specification.objective.is_integral:
             return self._simplex(problem, begun)
-        under_way = []
+        under_way: list[Descent] = []
         for i, descent in enumerate(begun):
-            self.report(0.1 + 0.1 * i, f"descending from start {i + 1} of {len(begun)}, best cost so far {_best(under_way)}")
+            self.report(
+                0.1 + 0.1 * i, f"descending from start {i + 1} of {len(begun)}, best cost so far {_best(under_way)}"
+            )
             under_way.append(descend(problem, descent, FIRST_STEPS, expired=self.expired))
         under_way.sort(key=lambda descent: descent.merit)
         self.report(0.7, f"finishing the best, cost {_best(under_way)}")
@@ -201,17 +208,19 @@ def _best(descents: list[Descent]) -> str:
 def drawn_starts(problem: TimeProblem, seed: int) -> Real:
     """Stable controllers that lie about on the bounds, shape (n, 5), n at most SHAPES."""
     drawn = _on_the_bounds(problem, _shapes(problem, seed))
-    return drawn[stable_mask(problem.process, drawn)]
+    stable: Real = drawn[stable_mask(problem.process, drawn)]
+    return stable
 
 
 def _shapes(problem: TimeProblem, seed: int) -> Real:
-    """Controllers of about gain 1 at the natural crossover, with parts and orders drawn at random; some are plain PID."""
+    """Controllers of about gain 1 at the natural crossover, parts and orders drawn at random; some plain PID."""
     rng = np.random.default_rng(seed)
     parts = np.exp(rng.uniform(np.log([0.3, 0.1, 0.03]), np.log([1.0, 1.5, 1.5]), size=(SHAPES, 3)))
     orders = rng.uniform([0.7, 0.3], [1.4, 1.7], size=(SHAPES, 2))
     orders[: SHAPES // 4] = [1.0, 0.95]
     parts *= problem.scale[:3] * math.copysign(1.0, problem.gain)
-    return np.clip(np.concatenate([parts, orders], axis=1), *problem.box.T)
+    low, high = problem.box.T
+    return np.asarray(np.clip(np.concatenate([parts, orders], axis=1), low, high))
 
 
 def _on_the_bounds(problem: TimeProblem, shapes: Real) -> Real:

@@ -17,6 +17,7 @@ from fopid_core.design.specification import (
     Proposal,
     TuningRequest,
     TuningResult,
+    no_progress,
 )
 from fopid_core.design.time_proposal import propose_time
 from fopid_core.design.verification import achieved
@@ -26,9 +27,7 @@ from fopid_core.model.stability import stability
 __all__ = ["Achieved", "Bound", "TuningRequest", "TuningResult", "tune"]
 
 
-def tune(
-    request: TuningRequest, progress: Progress | None = None, clock: Clock = time.perf_counter
-) -> TuningResult:
+def tune(request: TuningRequest, progress: Progress | None = None, clock: Clock = time.perf_counter) -> TuningResult:
     """Choose the five numbers and verify the loop.
 
     Parameters
@@ -57,7 +56,7 @@ def tune(
     (True, 0.5)
     """
     begun = clock()
-    report = progress or _silent
+    report = progress or no_progress
     deadline = begun + (math.inf if request.timeout is None else request.timeout)
     proposal = _METHODS[request.method](request, report, lambda: clock() >= deadline)
     report(0.95, "verifying on the process itself")
@@ -75,10 +74,6 @@ _METHODS: dict[str, Callable[[TuningRequest, Progress, Callable[[], bool]], Prop
     "time": propose_time,
     "rule": propose_rule,
 }
-
-
-def _silent(share: float, what: str) -> None:
-    """Report to nobody."""
 
 
 def _verified(request: TuningRequest, proposal: Proposal) -> TuningResult:

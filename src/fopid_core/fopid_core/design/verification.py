@@ -29,7 +29,7 @@ def achieved(loop: Loop, t_max: Bound | None = None, s_max: Bound | None = None)
         phase_margin=found.phase_margin,
         crossover=found.crossover,
         phase_slope=found.phase_slope,
-        gain_margin_db=20.0 * math.log10(found.gain_margin),
+        gain_margin_db=20.0 * math.log10(found.gain_margin) if found.gain_margin > 0.0 else -math.inf,
         delay_margin=found.delay_margin,
         ms=found.ms,
         mt=found.mt,

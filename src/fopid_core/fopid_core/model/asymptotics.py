@@ -20,7 +20,7 @@ from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 _MOST_TERMS = 400
 _NEGLIGIBLE = 1e-12
 _ROUNDING = 1e-12
-_DIGITS = 10  # orders and delays of products of terms that agree to so many digits are the same
+_DIGITS = 12  # as in QuasiPolynomial: to so many digits sums of orders are exact
 
 
 def leading_term(function: QuasiPolynomial) -> Term:
@@ -29,7 +29,10 @@ def leading_term(function: QuasiPolynomial) -> Term:
 
 
 def fast_rate(characteristic: QuasiPolynomial) -> float:
-    """The frequency [rad/s] from which the leading term is twice the sum of all terms of lower order.
+    """The frequency [rad/s] from which the expansion at infinity converges quickly.
+
+    From there on the leading term is twice the sum of the undelayed terms of lower order, and not less than the sum of
+    the delayed ones: their echoes are finitely many, and need only not grow.
 
     Examples
     --------
@@ -37,20 +40,23 @@ def fast_rate(characteristic: QuasiPolynomial) -> float:
     6.0
     """
     lead = leading_term(characteristic)
-    lower = [(lead.order - t.order, abs(t.coefficient / lead.coefficient)) for t in characteristic.terms]
-    level = sum(size for gap, size in lower if gap <= 0.0) - 1.0
-    room = 0.5 * (1.0 - level) if level < 1.0 else 0.5
-    lower = [(gap, size) for gap, size in lower if gap > 0.0]
-    if not lower:
+    sizes = [(lead.order - t.order, t.delay, abs(t.coefficient / lead.coefficient)) for t in characteristic.terms]
+    level = sum(size for gap, delay, size in sizes if gap <= 0.0 and delay > lead.delay)
+    undelayed = [(gap, size) for gap, delay, size in sizes if gap > 0.0 and delay == lead.delay]
+    delayed = [(gap, size) for gap, delay, size in sizes if gap > 0.0 and delay > lead.delay]
+    return max(_where_sum_is(undelayed, 0.5), _where_sum_is(delayed, max(1.0 - level, 0.5)))
+
+
+def _where_sum_is(terms: list[tuple[float, float]], value: float) -> float:
+    """The w at which the sum of ``size * w**-gap`` falls to a value; 0 without terms."""
+    if not terms:
         return 0.0
-    low = max(math.log(size / room) / gap for gap, size in lower)
-    high = max(math.log(len(lower) * size / room) / gap for gap, size in lower)
+    low = max(math.log(size / value) / gap for gap, size in terms)
+    high = max(math.log(len(terms) * size / value) / gap for gap, size in terms)
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if sum(size * math.exp(max(-gap * middle, -700.0)) for gap, size in lower) > room:
-            low = middle
-        else:
-            high = middle
+        larger = sum(size * math.exp(max(-gap * middle, -700.0)) for gap, size in terms) > value
+        low, high = (middle, high) if larger else (low, middle)
     return math.exp(min(high, 600.0))
 
 
@@ -165,15 +171,6 @@ class SingularPart:
                 total[after] += c * _power_law(elapsed[after], power) * np.exp(-self.rate * elapsed[after])
             total[at] += _right_limit(self.coefficients[own], self.powers[own])
         return total
-
-    @property
-    def impulse(self) -> float:
-        """Weight of the impulse at t = 0; infinite when something stronger than an impulse stands there."""
-        first = self.delays == 0.0
-        stronger = self.coefficients[first & (self.powers < 0.0)]
-        if stronger.size:
-            return math.copysign(math.inf, stronger[0])
-        return float(self.coefficients[first & (self.powers == 0.0)].sum())
 
 
 def _power_law(elapsed: Floats, power: float) -> Floats:

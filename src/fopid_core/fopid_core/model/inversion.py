@@ -68,7 +68,8 @@ def invert(transforms: Transforms, horizon: float, rate: float, growth: float = 
     Returns
     -------
     tuple of Piece
-        One a window, in the order of time, together from 0 to the horizon.
+        One a window, in the order of time, together from 0 to the horizon; where the signals are too fast for the
+        shortest window, from a first instant above 0.
 
     Examples
     --------
@@ -77,14 +78,16 @@ def invert(transforms: Transforms, horizon: float, rate: float, growth: float = 
     0.270671
     """
     count = math.ceil(math.log(max(rate * horizon / _FAST_INSTANTS, 1.0), _WINDOW_RATIO))
-    edges = [0.0, *(horizon / _WINDOW_RATIO**k for k in range(min(count, _MOST_WINDOWS), -1, -1))]
+    start = 0.0 if count <= _MOST_WINDOWS else horizon / _WINDOW_RATIO ** (_MOST_WINDOWS + 1)
+    edges = [start, *(horizon / _WINDOW_RATIO**k for k in range(min(count, _MOST_WINDOWS), -1, -1))]
     return tuple(_window(transforms, first, last, growth) for first, last in itertools.pairwise(edges))
 
 
 def values_at(pieces: tuple[Piece, ...], time: Floats) -> Floats:
-    """All signals at any instants up to the horizon, shape (k, n)."""
+    """All signals at any instants up to the horizon, shape (k, n); before the first instant as at that instant."""
     from scipy.interpolate import CubicSpline
 
+    time = np.maximum(time, pieces[0].time[0])
     values = np.empty((pieces[0].values.shape[0], time.size))
     home = np.searchsorted([piece.time[-1] for piece in pieces[:-1]], time)
     for i, piece in enumerate(pieces):
@@ -103,7 +106,7 @@ def _window(transforms: Transforms, first: float, last: float, growth: float) ->
         if gap.max() <= TOLERANCE or number >= _MOST_POINTS:
             break
         coarse = fine
-    kept = slice(start * 2 + (1 if first else 0), None)  # the window before ends with our first instant
+    kept = slice(2 * start + (1 if first else 0), None)  # the window before ends with our first instant
     return Piece(np.linspace(0.0, last, number // 2 + 1)[kept], fine[:, kept], np.maximum(gap, _LEAK))
 
 

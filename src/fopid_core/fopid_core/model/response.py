@@ -87,12 +87,13 @@ def step_response(loop: Loop, horizon: float, source: Source = "setpoint", point
     0.43233
     """
     _check(loop, horizon, source, points)
-    rate = min(max(fast_rate(loop.characteristic), 1.0 / horizon), fastest_rate(horizon))
-    sudden = [_sudden_part(loop, numerator, horizon, rate) for numerator in _numerators(loop, source)]
+    rate = max(fast_rate(loop.characteristic), 1.0 / horizon)
+    numerators, denominator = _numerators(loop, source), loop.characteristic.shifted(1.0)
+    sudden = [_sudden_part(numerator, denominator, horizon, rate) for numerator in numerators]
 
     def remainders(s: Complexes) -> Complexes:
-        known = np.stack([part.transform(s) for part in sudden])
-        return np.stack(_transforms(loop, s, source)) - known
+        common = 1.0 / denominator(s)
+        return np.stack([n(s) * common - part.transform(s) for n, part in zip(numerators, sudden, strict=True)])
 
     pieces = invert(remainders, horizon, rate, _growth(loop, horizon))
     if points is None:
@@ -103,7 +104,7 @@ def step_response(loop: Loop, horizon: float, source: Source = "setpoint", point
     output, control = (rest + part.signal(time) for rest, part in zip(smooth, sudden, strict=True))
     error = (1.0 if source == "setpoint" else 0.0) - output
     accuracy, control_accuracy = np.max([p.accuracy for p in pieces], axis=0).tolist()
-    return Response(time, output, control, error, accuracy, control_accuracy, sudden[1].impulse)
+    return Response(time, output, control, error, accuracy, control_accuracy, _impulse(numerators[1], denominator))
 
 
 def _check(loop: Loop, horizon: float, source: str, points: int | None) -> None:
@@ -141,17 +142,21 @@ def _growth(loop: Loop, horizon: float) -> float:
     return growth
 
 
-def _sudden_part(loop: Loop, numerator: QuasiPolynomial, horizon: float, rate: float) -> SingularPart:
-    stepped = loop.characteristic.shifted(1.0)
-    expansion = expansion_at_infinity(numerator, stepped, -_HIGHEST_POWER, horizon, rate)
+def _sudden_part(
+    numerator: QuasiPolynomial, denominator: QuasiPolynomial, horizon: float, rate: float
+) -> SingularPart:
+    if rate > fastest_rate(horizon):  # it would only hold in instants too short to be seen
+        return SingularPart.of(QuasiPolynomial(()), rate, _HIGHEST_POWER)
+    expansion = expansion_at_infinity(numerator, denominator, -_HIGHEST_POWER, horizon, rate)
     return SingularPart.of(expansion, rate, _HIGHEST_POWER)
 
 
-def _transforms(loop: Loop, s: Complexes, source: Source) -> tuple[Complexes, Complexes]:
-    """Transforms of output and control."""
-    numerator, denominator, controller = loop.process.numerator(s), loop.process.denominator(s), loop.controller(s)
-    forward = controller * numerator
-    common = 1.0 / (s * (denominator + forward))
-    if source == "setpoint":
-        return forward * common, controller * denominator * common
-    return numerator * common, -forward * common
+def _impulse(numerator: QuasiPolynomial, denominator: QuasiPolynomial) -> float:
+    """Weight of the impulse at t = 0; infinite when something stronger than an impulse stands there."""
+    if numerator.is_zero:
+        return 0.0
+    over, under = leading_term(numerator), leading_term(denominator)
+    weight = over.coefficient / under.coefficient
+    if over.delay > 0.0 or over.order < under.order:
+        return 0.0
+    return weight if over.order == under.order else math.copysign(math.inf, weight)

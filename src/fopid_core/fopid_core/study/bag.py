@@ -106,7 +106,8 @@ def _storage(path: Path) -> Path:
         return path
     files = [*_mcap_files(path), *sorted(path.glob("*.db3"))]
     if len(files) != 1:
-        found = ", ".join(sorted(item.name for item in path.iterdir())) or "nothing"
+        names = sorted(item.name for item in path.iterdir())
+        found = ", ".join(names[:5]) + (" and more" if len(names) > 5 else "") if names else "nothing"
         raise InputError(f"{str(path)!r} is no bag, it holds {found}; allowed: a folder with metadata.yaml")
     return files[0]
 

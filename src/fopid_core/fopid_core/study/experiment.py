@@ -6,6 +6,7 @@ Read from YAML by ``read_experiment``; ``demo_experiment`` makes one for any pro
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -20,6 +21,7 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import TEST_BENCH, Process, read_process
 from fopid_core.model.stability import stability
+from fopid_core.runtime.plant import PlantSettings
 
 TRIGGERS = ("lockstep", "realtime")
 MAX_SAMPLES = 10_000_000
@@ -102,12 +104,10 @@ class Experiment:
     controller: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        read_process(self.process)
-        Fopid(**{"kp": 0.0, **self.gains})
+        _made(PlantSettings, "plant", process=read_process(self.process), sample_time=self.sample_time, **self.plant)
+        _made(Fopid, "gains", **{"kp": 0.0, **self.gains})
         if self.trigger not in TRIGGERS:
             raise InputError(f"trigger = {self.trigger!r}; allowed: {', '.join(TRIGGERS)}")
-        if not 1e-6 <= self.sample_time <= 1e6:
-            raise InputError(f"sample_time = {self.sample_time}; allowed: 1e-06 to 1e+06 [s]")
         if not self.phases:
             raise InputError("phases = []; allowed: at least one phase")
         if self.duration / self.sample_time > MAX_SAMPLES:
@@ -122,6 +122,15 @@ class Experiment:
         """The text ``read_experiment`` reads back."""
         content = _without_nothing(asdict(self))
         return yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=110)
+
+
+def _made(kind: type, where: str, **values: Any) -> Any:
+    """An instance, to see whether these values do."""
+    known = [f.name for f in fields(kind)]
+    for key in values:
+        if key not in known:
+            raise InputError(f"{where} has the key {key!r}; allowed: {', '.join(known)}")
+    return kind(**values)
 
 
 def _without_nothing(value: Any) -> Any:
@@ -202,6 +211,7 @@ def demo_experiment(source: str, trigger: str = "lockstep") -> Experiment:
         P1 ... P4 (with the specification of the paper's Table 3) or a transfer function in s.
     """
     process = read_process(source)
+    PlantSettings(process)  # says what cannot be simulated before anything else is tried
     natural = natural_crossover(process, PHASE_MARGIN)
     degrees, crossover = PAPER_SPECIFICATIONS.get(source.strip(), (math.degrees(PHASE_MARGIN), 0.6 * natural))
     stretch = _round_up(10.0 / min(crossover, natural) + 2.0 * process.delay)
@@ -250,3 +260,8 @@ def _round_up(value: float) -> float:
     """The next round number."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(float(f"{m * power:.6g}") for m in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if m * power >= value * (1 - 1e-9))
+
+
+def run_folder(name: str) -> Path:
+    """A new folder's name for a run that starts now."""
+    return Path("runs") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"

@@ -19,6 +19,7 @@ ISO_GAINS = (0.5, 0.7, 1.0, 1.4, 2.0)
 
 _ISO_COLOURS = ("#9cc4e6", "#62a0d3", BLUE, VIOLET, RED)
 _POINTS_A_DECADE = 120
+_PEAKED = 1.005  # a peak that can be seen
 
 
 def loop_figures(loop: Loop) -> dict[str, Figure]:
@@ -61,7 +62,7 @@ def bode_figure(loop: Loop, found: Margins, w: Floats) -> Figure:
         "yaxis2": {
             "title": {"text": "arg L [°]"},
             "domain": [0.0, 0.46],
-            "range": _range(phase, -360.0, 180.0),
+            "range": _range(np.append(phase, -180.0), -360.0, 180.0),
             "dtick": 90,
         },
         "shapes": marks,
@@ -102,7 +103,7 @@ def sensitivity_figure(loop: Loop, found: Margins, w: Floats) -> Figure:
         "annotations": [
             note(math.log10(frequency), 20.0 * math.log10(value), f"{name} = {value:.2f}", xanchor="center")
             for name, value, frequency in peaks
-            if w[0] < frequency < w[-1]
+            if w[0] < frequency < w[-1] and value > _PEAKED
         ],
         "showlegend": True,
         "legend": legend_above(),

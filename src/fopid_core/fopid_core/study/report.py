@@ -103,12 +103,17 @@ def _plotly() -> str:
 
 def _names(runs: Sequence[Run]) -> list[str]:
     """The experiment's name and process, or the bag's name; several runs are told apart by their bags."""
-    bags = [f"{run.path.resolve().name}{run.namespace}" for run in runs]
+    bags = [_bag_name(run) for run in runs]
     experiment = runs[0].experiment
     if len(runs) > 1 or "name" not in experiment:
         return bags
     process = str(experiment.get("process", ""))
     return [f"{experiment['name']} on {process}" if process in TEST_BENCH else str(experiment["name"])]
+
+
+def _bag_name(run: Run) -> str:
+    path = run.path.resolve()
+    return (path.parent.name if path.name == "bag" else path.name) + run.namespace
 
 
 def _comparison(runs: Sequence[Run], names: Sequence[str], figures: Figures) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fopid_core.study.decimation import decimate
+from fopid_core.study.display import decimate, spike_free_range
 from fopid_core.study.plotly_parts import BLUE, GREEN, GREY, RED, VIOLET
 from fopid_core.study.run import Run, Signal
 from fopid_core.study.segments import retunings
@@ -50,6 +50,7 @@ def _draw_one(run: Run, above: Axes, below: Axes) -> None:
     for name, axes in (("setpoint", above), ("measurement", above), ("control", below)):
         if name in run.signals:
             _draw(axes, run.signals[name], run.end, name, colours[name], held=name != "measurement")
+    below.set_ylim(spike_free_range(run.signals["control"].value))
     for limit in (run.parameter("control_min"), run.parameter("control_max")):
         if isinstance(limit, (int, float)) and math.isfinite(limit):
             below.axhline(limit, color=GREEN, linewidth=0.8, linestyle=":")

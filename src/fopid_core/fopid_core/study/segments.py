@@ -225,7 +225,7 @@ def _measure(run: Run, stretch: _Stretch, force: Retuning | None) -> Segment:
         end=stretch.end,
         overshoot_pct=overshoot_pct(scaled) if stretch.stepped else math.nan,
         rise_time=rise_time(time, scaled) if stretch.stepped else math.nan,
-        settling_time=settling_time(time, scaled, band=SETTLED),
+        settling_time=settling_time(time, scaled, band=SETTLED) if step else math.nan,
         iae=integrals.iae,
         itae=integrals.itae,
         error_peak=peak(error),

@@ -7,7 +7,7 @@ from itertools import cycle, pairwise
 
 import numpy as np
 
-from fopid_core.study.decimation import decimate
+from fopid_core.study.display import decimate, spike_free_range
 from fopid_core.study.plotly_parts import BLUE, GREEN, GREY, RED, VIOLET, Figure, line, segment
 from fopid_core.study.run import Run, Signal
 from fopid_core.study.segments import Retuning, retunings
@@ -26,9 +26,10 @@ def signals_figure(run: Run) -> Figure:
     panels = [[name for name in names if name in run.signals] for names in panels]
     changes = retunings(run)[1:]
     layout = _stacked([names[-1] for names in panels])
+    spikes = _leave_out_spikes(run.signals["control"], layout["yaxis2"]) if "control" in run.signals else []
     layout["shapes"] = [*_phase_shades(run), *_limit_lines(run), *map(_retuning_line, changes)]
     gap = layout["yaxis"]["domain"][0] - 0.5 * _GAP
-    layout["annotations"] = [*_phase_labels(run), *(_retuning_label(change, gap) for change in changes)]
+    layout["annotations"] = [*_phase_labels(run), *(_retuning_label(change, gap) for change in changes), *spikes]
     data = [
         _curve(run.signals[name], name, _COLOURS[name], _axis(i), run.end, held=name != "measurement")
         for i, names in enumerate(panels)
@@ -71,6 +72,25 @@ def _stacked(titles: Sequence[str]) -> Figure:
     layout["xaxis"] = {"title": {"text": "time [s]"}, "anchor": _axis(len(titles) - 1)}
     layout["legend"] = {"orientation": "h", "x": 0, "y": -0.12}
     return layout
+
+
+def _leave_out_spikes(control: Signal, axis: Figure) -> list[Figure]:
+    """Set the axis to the range without spikes; notes that say how far the highest and the lowest go."""
+    shown = spike_free_range(control.value)
+    if shown is None:
+        return []
+    axis["range"] = list(shown)
+    low, high = int(np.argmin(control.value)), int(np.argmax(control.value))
+    notes = []
+    for at, arrow, edge, outside in (
+        (high, "↑", 1, control.value[high] > shown[1]),
+        (low, "↓", 0, control.value[low] < shown[0]),
+    ):
+        if outside:
+            text = f"{arrow} {control.value[at]:.3g}"
+            place = {"yref": "y2 domain", "yanchor": ("bottom", "top")[edge], "xanchor": "left", "xshift": 2}
+            notes.append({**place, "x": float(control.time[at]), "y": edge, "text": text, "showarrow": False})
+    return notes
 
 
 def _phases(run: Run) -> list[tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""Fewer points for a display that shows the same: first, lowest, highest and last of every stretch are kept."""
+"""What a picture needs of a long signal: fewer points that show the same, and a range that spikes do not spoil."""
 
 from __future__ import annotations
 
@@ -8,9 +8,14 @@ import numpy as np
 
 from fopid_core.model.arrays import Floats
 
+_RARE = 0.005  # of the samples, at each end
+_FAR = 5.0  # times the range of the others
+
 
 def decimate(time: Floats, value: Floats, stretches: int = 1500) -> tuple[Floats, Floats]:
-    """At most four points for each of so many stretches of equal numbers of samples ("M4", Jugel et al. 2014).
+    """First, lowest, highest and last of each of so many stretches with equal numbers of samples.
+
+    It looks the same as all samples (Jugel et al., "M4", VLDB 2014).
 
     Parameters
     ----------
@@ -39,3 +44,20 @@ def decimate(time: Floats, value: Floats, stretches: int = 1500) -> tuple[Floats
         kept.update((start, start + int(np.argmin(part)), start + int(np.argmax(part)), end - 1))
     indexes = np.array(sorted(kept))
     return time[indexes], value[indexes]
+
+
+def spike_free_range(value: Floats) -> tuple[float, float] | None:
+    """The range to show a signal in when a few samples reach far beyond all others; None when none do.
+
+    Examples
+    --------
+    >>> spike_free_range(np.array([0.0, 1.0] * 500)) is None
+    True
+    >>> spike_free_range(np.array([0.0, 1.0] * 500 + [900.0]))
+    (-0.5, 1.5)
+    """
+    low, high = np.quantile(value, (_RARE, 1.0 - _RARE), method="closest_observation").tolist()
+    if high == low or np.ptp(value) <= _FAR * (high - low):
+        return None
+    room = 0.5 * (high - low)
+    return low - room, high + room
