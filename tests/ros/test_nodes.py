@@ -71,8 +71,8 @@ def test_a_domain_that_cannot_be_used_is_named(graph: Graph, domain: str) -> Non
 
 @pytest.mark.parametrize("executable", ["plant_simulator", "fopid_controller", "fopid_tuner", "experiment"])
 def test_help_tells_what_can_be_set(graph: Graph, executable: str) -> None:
-    told = subprocess.run([BIN / executable, "--help"], env=graph.environment, timeout=30, capture_output=True, text=True,
-                          check=True)  # fmt: skip
+    command = [BIN / executable, "--help"]
+    told = subprocess.run(command, env=graph.environment, timeout=30, capture_output=True, text=True, check=True)
     assert "usage" in told.stdout
 
 

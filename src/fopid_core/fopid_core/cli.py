@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fopid_core.cli_options import ARGUMENTS, as_json, process_argument
 from fopid_core.cli_output import emit
+from fopid_core.cli_tune import reduce_verb, tune_group
 from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,11 +50,6 @@ class OneLineErrors(click.Group):
             sys.exit(130)
 
 
-# A process text may begin with a minus sign; what is no option of ours is taken as an argument.
-ARGUMENTS = {"ignore_unknown_options": True, "help_option_names": ["-h", "--help"]}
-
-as_json = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, nothing else.")
-process_argument = click.argument("process")
 gains_option = click.option("--gains", required=True, metavar="KP,KI,KD,LAM,MU", help="The controller's five numbers.")
 horizon_option = click.option("--horizon", type=float, metavar="S", help="Last instant [s]; chosen from the loop.")
 
@@ -65,6 +62,10 @@ def main() -> None:
     PROCESS is P1 ... P4, a transfer function such as "9/((s+1)(s^2+2s+9))" or "1/(s^1.2+1)*exp(-0.5s)", or a YAML
     file with the key process.
     """
+
+
+main.add_command(reduce_verb)
+main.add_command(tune_group)
 
 
 def read_loop(process: str, gains: str) -> Loop:

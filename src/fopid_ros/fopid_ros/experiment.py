@@ -64,6 +64,7 @@ class ExperimentNode(Node):
         self._executor = EventsExecutor()
         self._executor.add_node(self)
         self._interrupted = False
+        self.not_applied: list[str] = []
         self._time_ns = 0
 
     def interrupt(self) -> None:
@@ -143,14 +144,8 @@ class ExperimentNode(Node):
     def _stamp(self, message: Any) -> None:
         header_stamp(message.header, self._time_ns if self.lockstep else self.get_clock().now().nanoseconds)
 
-    def tune(self, call: TuneCall) -> Tune.Response:
-        """Have the tuner tune and apply.
-
-        Raises
-        ------
-        InputError
-            If nothing was applied.
-        """
+    def tune(self, call: TuneCall) -> None:
+        """Have the tuner tune and apply; when it does not, the loop goes on with the gains it has."""
         request = Tune.Request(
             method=call.method, phase_margin=math.radians(call.phase_margin_deg), crossover=call.crossover,
             index=call.index, ms_max=call.ms_max, u_max=call.u_max, horizon=call.horizon, via=call.via,
@@ -158,8 +153,7 @@ class ExperimentNode(Node):
         )  # fmt: skip
         response: Tune.Response = self._call(self._tune.call_async(request), "fopid_tuner", TUNING_TIME)
         if not response.applied:
-            raise InputError(f"tuning by {call.method}: {'; '.join([response.message, *response.unmet])}")
-        return response
+            self.not_applied.append(f"tuning by {call.method}: {'; '.join([response.message, *response.unmet])}")
 
     def run_until(self, end: float, progress: Any) -> None:
         """Let the loop run until ``end`` seconds after its start."""
@@ -246,7 +240,7 @@ def conduct(experiment: Experiment, folder: Path, console: Console) -> int:
     Returns
     -------
     int
-        Exit code: 0 done, 2 could not be done, 130 interrupted. The bag is closed in every case.
+        Exit code: 0 done, 2 could not be done, 3 done but a tuning found nothing to apply, 130 interrupted. The bag is closed in every case.
     """
     node = ExperimentNode(experiment)
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -259,6 +253,9 @@ def conduct(experiment: Experiment, folder: Path, console: Console) -> int:
         recorder = Recorder(node, folder / "bag", recorded_topics(), qos=qos, metadata=metadata(experiment),
                             on_failure=lambda text: console.print(f"warning: {text}"))  # fmt: skip
         run_phases(node, console)
+        for reason in node.not_applied:
+            console.print(f"warning: {reason}", highlight=False, soft_wrap=True)
+        return 3 if node.not_applied else 0
     except InputError as error:
         console.print(f"error: {error}", highlight=False, soft_wrap=True)
         return 2
@@ -272,7 +269,6 @@ def conduct(experiment: Experiment, folder: Path, console: Console) -> int:
         if recorder is not None:
             recorder.close()
         node.destroy_node()
-    return 0
 
 
 def show_results(folder: Path, console: Console) -> None:
@@ -316,7 +312,7 @@ def main(args: Sequence[str] | None = None) -> int:
         code = conduct(experiment, folder, console)
     finally:
         rclpy.try_shutdown()
-    if code == 0 and not options.no_report:
+    if code in (0, 3) and not options.no_report:
         try:
             show_results(folder, console)
         except InputError as error:

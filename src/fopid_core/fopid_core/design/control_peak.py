@@ -11,6 +11,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.special import rgamma
 
 from fopid_core.model.fopid import Fopid
@@ -40,8 +41,6 @@ def first_control(gains: Real, sample_time: float) -> Real:
 @cache
 def _derivative_kick() -> Callable[[Real], Real]:
     """r(mu), read off the controller itself; at a sample time of 1 s, since it does not depend on it."""
-    from scipy.interpolate import CubicSpline
-
     orders = np.linspace(0.0, 2.0, 41)
     kicks = [FopidController(ControllerSettings(Fopid(0.0, 0.0, 1.0, 1.0, mu), 1.0)).step(1.0, 0.0) for mu in orders]
     below, above = orders <= 1.0, orders >= 1.0

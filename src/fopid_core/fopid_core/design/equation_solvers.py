@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import NonlinearConstraint, minimize, root
 
 from fopid_core.design.specification import FrequencySpecification, require
 from fopid_core.model.fopid import Fopid
@@ -82,8 +83,6 @@ def solve_equations(process: Process, specification: FrequencySpecification) -> 
     >>> len(solve_equations(read_process("P1"), specification).unmet) > 0  # no exact solution exists
     True
     """
-    from scipy.optimize import root
-
     residuals = _residuals_of(process, specification)
 
     def left(x: Real) -> Real:
@@ -95,8 +94,6 @@ def solve_equations(process: Process, specification: FrequencySpecification) -> 
 
 def optimise_constrained(process: Process, specification: FrequencySpecification) -> EquationDesign:
     """The way of Monje et al. (2008): |L| at the crossover is minimised in dB, the rest are constraints (SLSQP)."""
-    from scipy.optimize import NonlinearConstraint, minimize
-
     residuals = _residuals_of(process, specification)
 
     def equal(x: Real) -> Real:

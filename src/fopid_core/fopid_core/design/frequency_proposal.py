@@ -9,6 +9,7 @@ from dataclasses import replace
 from fopid_core.design import defaults
 from fopid_core.design.equation_solvers import optimise_constrained, solve_equations
 from fopid_core.design.frequency_tuning import FrequencyDesign, tune_frequency
+from fopid_core.design.reduction import reduce
 from fopid_core.design.specification import (
     Bound,
     Expired,
@@ -52,8 +53,6 @@ def propose_frequency(request: TuningRequest, progress: Progress, expired: Expir
 def _model(request: TuningRequest, progress: Progress) -> tuple[Process, str]:
     if request.via == "none":
         return request.process, ""
-    from fopid_core.design.reduction import reduce
-
     progress(0.05, f"reducing to {request.via}")
     reduced = reduce(request.process, request.via)
     return reduced.process, f"designed on {reduced.process} ({request.via}, H2 error {reduced.h2_error:.3g}); "

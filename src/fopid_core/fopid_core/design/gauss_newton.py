@@ -9,10 +9,11 @@ programme that is left, of at most five numbers, is a least distance problem (La
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from fopid_core.design.time_problem import Linearised, TimeProblem
 
@@ -82,18 +83,12 @@ def descend(
         better = _step(problem, descent, point, winding)
         if better is None:
             radius = 0.2 * descent.radius
-            descent = _with(descent, radius=radius, finished=radius < 1e-3)
+            descent = replace(descent, radius=radius, finished=radius < 1e-3)
             continue
         gained = 1.0 - better.merit / descent.merit
         point = problem.linearised(better.gains)
-        descent = _with(better, finished=gained < tolerance)
+        descent = replace(better, finished=gained < tolerance)
     return descent
-
-
-def _with(descent: Descent, **changes: float | bool) -> Descent:
-    from dataclasses import replace
-
-    return replace(descent, **changes)  # type: ignore[arg-type]
 
 
 def _step(problem: TimeProblem, descent: Descent, point: Linearised, winding: float) -> Descent | None:
@@ -114,7 +109,7 @@ def _step(problem: TimeProblem, descent: Descent, point: Linearised, winding: fl
     if not tried[best].merit < descent.merit or abs(problem.winding(rows[best]) - winding) > 1.0:
         return None
     radius = min(descent.radius * max(0.5, 2.0 * min(TRIALS[best], 1.0)), 1.0)
-    return _with(tried[best], radius=radius, floor=0.5 * descent.floor)
+    return replace(tried[best], radius=radius, floor=0.5 * descent.floor)
 
 
 def _solve(point: Linearised, floor: float, low: Real, high: Real) -> Real:
@@ -160,8 +155,6 @@ def least_distance(matrix: Real, bound: Real) -> Real | None:
     >>> least_distance(np.array([[1.0, 0.0], [0.0, 1.0]]), np.array([2.0, -1.0])).tolist()
     [2.0, 0.0]
     """
-    from scipy.optimize import nnls
-
     size = float(np.abs(bound).max())
     if size == 0.0 or bool(np.all(bound <= 0.0)):
         return np.zeros(matrix.shape[1])

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 from fopid_core.design.gauss_newton import Descent
 from fopid_core.design.time_problem import TimeProblem
@@ -21,8 +22,6 @@ FORBIDDEN = 1e3
 
 def simplex_search(problem: TimeProblem, start: Descent, expired: Callable[[], bool]) -> Descent:
     """The best point that simplices of different shape reach, each from the best so far."""
-    from scipy.optimize import minimize
-
     free, box = problem.free, problem.box
     unit = problem.scale[free]
     winding = problem.winding(start.gains)

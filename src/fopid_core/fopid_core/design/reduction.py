@@ -16,6 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import quad_vec
+from scipy.optimize import minimize
 
 from fopid_core.design.specification import Clock, one_of
 from fopid_core.errors import InputError
@@ -275,8 +277,6 @@ class _Fit:
 
     def _follow(self, start: Real, free_numbers: tuple[int, ...]) -> Real:
         """The minimum of the squared error that a start leads to, over some of the numbers."""
-        from scipy.optimize import minimize
-
         free = [i for i in free_numbers if i != _K or self.gain is None]
 
         def whole(x: Real) -> Real:
@@ -302,7 +302,6 @@ class _Fit:
 
 def _nodes(process: Process) -> tuple[Real, Real]:
     """Frequencies [rad/s] and weights such that sum(weight * |P|^2) is the squared H2 norm, eq. (10)."""
-    from scipy.integrate import quad_vec
 
     def density(x: float) -> float:
         w = math.exp(x)

@@ -7,19 +7,17 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from fopid_core.design.frequency_proposal import propose_frequency
-from fopid_core.design.rules import propose_rule
 from fopid_core.design.specification import (
     Achieved,
     Bound,
     Clock,
+    Expired,
     Progress,
     Proposal,
     TuningRequest,
     TuningResult,
     no_progress,
 )
-from fopid_core.design.time_proposal import propose_time
 from fopid_core.design.verification import achieved
 from fopid_core.model.loop import Loop
 from fopid_core.model.stability import stability
@@ -55,10 +53,11 @@ def tune(request: TuningRequest, progress: Progress | None = None, clock: Clock 
     >>> result.success, round(result.achieved.crossover, 6)
     (True, 0.5)
     """
+    propose = _method(request.method)  # loads scipy the first time, which is no part of the work
     begun = clock()
     report = progress or no_progress
     deadline = begun + (math.inf if request.timeout is None else request.timeout)
-    proposal = _METHODS[request.method](request, report, lambda: clock() >= deadline)
+    proposal = propose(request, report, lambda: clock() >= deadline)
     report(0.95, "verifying on the process itself")
     result = _verified(request, proposal)
     report(1.0, "done")
@@ -69,11 +68,21 @@ def tune(request: TuningRequest, progress: Progress | None = None, clock: Clock 
     return replace(result, elapsed=elapsed)
 
 
-_METHODS: dict[str, Callable[[TuningRequest, Progress, Callable[[], bool]], Proposal]] = {
-    "frequency": propose_frequency,
-    "time": propose_time,
-    "rule": propose_rule,
-}
+Method = Callable[[TuningRequest, Progress, Expired], Proposal]
+
+
+def _method(name: str) -> Method:
+    if name == "frequency":
+        from fopid_core.design.frequency_proposal import propose_frequency
+
+        return propose_frequency
+    if name == "time":
+        from fopid_core.design.time_proposal import propose_time
+
+        return propose_time
+    from fopid_core.design.rules import propose_rule
+
+    return propose_rule
 
 
 def _verified(request: TuningRequest, proposal: Proposal) -> TuningResult:

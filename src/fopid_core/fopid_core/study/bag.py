@@ -15,7 +15,7 @@ import numpy as np
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from fopid_core.design.specification import Achieved
@@ -71,11 +71,11 @@ def read_bag(path: Path | str, namespace: str | None = None, needed: Sequence[st
     """
     path = Path(path)
     with _opened(path) as (reader, whole):
-        topics = _topics(path, reader.connections, namespace)
-        messages = _messages(reader, topics)
-        custom = dict(getattr(reader.storage.metadata, "custom", None) or {})
+        namespace = _only_namespace(path, reader.connections) if namespace is None else namespace.rstrip("/")
+        messages = _messages(reader, _topics(reader.connections, namespace))
+        custom = dict(reader.storage.metadata.custom or {})
         known = ", ".join(sorted(c.topic for c in reader.connections)) or "no topics"
-    run = _run(path, topics, messages, custom, whole)
+    run = _run(path, namespace, messages, custom, whole)
     for name in needed:
         if name not in run.signals:
             raise InputError(f"bag {str(path)!r} has no messages on {run.namespace}/{name}; it has {known}")
@@ -112,18 +112,15 @@ def _storage(path: Path) -> Path:
     return files[0]
 
 
-def _topics(path: Path, connections: Iterable[Connection], namespace: str | None) -> dict[str, str]:
-    """The topic of each signal and of each type of message about the loop; under ``""`` the namespace."""
-    connections = sorted(connections, key=lambda c: c.topic)
-    if namespace is None:
-        namespace = _only_namespace(path, connections)
-    found = {"": namespace.rstrip("/")}
-    for c in connections:
-        if c.topic in [f"{found['']}/{name}" for name in SIGNALS]:
-            found[c.topic.rpartition("/")[2]] = c.topic
-        about_the_loop = c.msgtype in (STATE, RESULT, PHASE) and found[""] in (_above(c.topic), _above(_above(c.topic)))
-        if about_the_loop or c.msgtype == PARAMETERS:
-            found.setdefault(c.msgtype, c.topic)
+def _topics(connections: Iterable[Connection], namespace: str) -> dict[str, str]:
+    """Topic -> the signal it carries, or its type when it tells about the loop."""
+    found: dict[str, str] = {}
+    for c in sorted(connections, key=lambda c: c.topic):
+        above, name = _above(c.topic), c.topic.rpartition("/")[2]
+        if above == namespace and name in SIGNALS:
+            found[c.topic] = name
+        elif c.msgtype == PARAMETERS or (c.msgtype in (STATE, RESULT, PHASE) and namespace in (above, _above(above))):
+            found.setdefault(c.topic, c.msgtype)
     return found
 
 
@@ -143,26 +140,23 @@ def _above(name: str) -> str:
 
 
 def _messages(reader: Reader, topics: Mapping[str, str]) -> dict[str, Messages]:
-    """Messages by the key of their topic, with the stamps they carry or else their log time."""
-    keys = {topic: key for key, topic in topics.items() if key}
-    wanted = [c for c in reader.connections if c.topic in keys]
-    found: dict[str, Messages] = {key: [] for key in keys.values()}
+    """Messages by what their topic carries, at the stamps they have or else at their log time."""
+    wanted = [c for c in reader.connections if c.topic in topics]
+    found: dict[str, Messages] = {key: [] for key in topics.values()}
     if wanted:
         types = _typestore(wanted)
         for connection, log_time, raw in reader.messages(wanted):
-            found[keys[connection.topic]].append((log_time, types.deserialize_cdr(raw, connection.msgtype)))
+            found[topics[connection.topic]].append((log_time, types.deserialize_cdr(raw, connection.msgtype)))
     return {key: _at_own_stamps(messages) for key, messages in found.items()}
 
 
-def _typestore(connections: Iterable[Connection]) -> Typestore:
+def _typestore(connections: Sequence[Connection]) -> Typestore:
     """The types as the bag defines them; those without a definition as ROS 2 Jazzy has them."""
-    types = dict(get_typestore(Stores.ROS2_JAZZY).fielddefs)
+    complete = all(c.msgdef.format == MessageDefinitionFormat.MSG for c in connections)
+    types = {} if complete else dict(get_typestore(Stores.ROS2_JAZZY).fielddefs)
     for c in connections:
         if c.msgdef.format == MessageDefinitionFormat.MSG:
             types.update(get_types_from_msg(c.msgdef.data, c.msgtype))
-        elif c.msgdef.format == MessageDefinitionFormat.IDL:
-            for text in re.split(r"^=+\n(?:IDL: .*\n)?", c.msgdef.data, flags=re.MULTILINE):
-                types.update(get_types_from_idl(text))
     store = get_typestore(Stores.EMPTY)
     store.register(types)
     return store
@@ -180,9 +174,7 @@ def _stamp(message: Any) -> int:
     return 0 if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
-def _run(
-    path: Path, topics: Mapping[str, str], messages: dict[str, Messages], custom: dict[str, str], whole: bool
-) -> Run:
+def _run(path: Path, namespace: str, messages: Mapping[str, Messages], custom: Mapping[str, str], whole: bool) -> Run:
     loop = [found[0][0] for key in (*SIGNALS, STATE) if (found := messages.get(key))]
     start = min(loop, default=0)
     start = 0 if start < SIMULATED_BELOW else start
@@ -198,12 +190,12 @@ def _run(
     return Run(
         path=path,
         signals=signals,
-        namespace=topics[""],
+        namespace=namespace,
         start=start,
         state=state,
         tunings=tuple(_tuning(time, message) for time, message in each(RESULT)),
         phases=tuple(Phase(time, message.name, message.description) for time, message in each(PHASE)),
-        parameters=tuple(change for time, m in each(PARAMETERS) if _above(m.node) == topics[""]
+        parameters=tuple(change for time, m in each(PARAMETERS) if _above(m.node) == namespace
                          for change in _parameter_changes(time, m)),
         metadata=custom,
         whole=whole,

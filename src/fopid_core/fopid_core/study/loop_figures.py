@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from fopid_core.design.search_response import ResponseGrid
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import Margins, margins
-from fopid_core.model.response import step_response
-from fopid_core.model.stability import stability
+from fopid_core.model.stability import stable_mask
+from fopid_core.study.display import decimate
 from fopid_core.study.plotly_parts import BLUE, GREY, RED, VIOLET, Figure, legend_above, line, note, segment
 
 ISO_GAINS = (0.5, 0.7, 1.0, 1.4, 2.0)
@@ -19,6 +20,8 @@ ISO_GAINS = (0.5, 0.7, 1.0, 1.4, 2.0)
 
 _ISO_COLOURS = ("#9cc4e6", "#62a0d3", BLUE, VIOLET, RED)
 _POINTS_A_DECADE = 120
+_RESPONSE_POINTS = 4096
+_SHOWN = 200  # stretches of a response, each with up to four points
 _PEAKED = 1.005  # a peak that can be seen
 
 
@@ -31,8 +34,8 @@ def loop_figures(loop: Loop) -> dict[str, Figure]:
         "sensitivity": sensitivity_figure(loop, found, w),
         "nyquist": nyquist_figure(loop, found, w),
     }
-    horizon = 12.0 / _characteristic_frequency(found) + 4.0 * loop.process.delay
-    return {**figures, "isodamping": isodamping_figure(loop, horizon)}
+    speed = _characteristic_frequency(found)
+    return {**figures, "isodamping": isodamping_figure(loop, 12.0 / speed + 4.0 * loop.process.delay, speed)}
 
 
 def _characteristic_frequency(found: Margins) -> float:
@@ -127,14 +130,18 @@ def nyquist_figure(loop: Loop, found: Margins, w: Floats) -> Figure:
     return {"data": [curve, critical], "layout": layout}
 
 
-def isodamping_figure(loop: Loop, horizon: float) -> Figure:
+def isodamping_figure(loop: Loop, horizon: float, crossover: float) -> Figure:
     """Step responses when the process's gain is not the one it was tuned for."""
+    kp, ki, kd, lam, mu = loop.controller.gains
+    # The output depends on the product of the two gains only.
+    rows = np.array([(gain * kp, gain * ki, gain * kd, lam, mu) for gain in ISO_GAINS])
+    grid = ResponseGrid(loop.process, horizon, _RESPONSE_POINTS, crossover)
     data = []
-    for gain, colour in zip(ISO_GAINS, _ISO_COLOURS, strict=True):
-        changed = Loop(loop.process.scaled(gain), loop.controller)
-        if stability(changed).stable:
-            response = step_response(changed, horizon, points=500)
-            data.append(line(response.time, response.output, f"×{gain:g}", colour))
+    for gain, colour, stable, error in zip(
+        ISO_GAINS, _ISO_COLOURS, stable_mask(loop.process, rows), grid.errors(rows), strict=True
+    ):
+        if stable:
+            data.append(line(*decimate(grid.time, 1.0 - error, _SHOWN), f"×{gain:g}", colour))
         else:
             data.append(line([0.0], [math.nan], f"×{gain:g} unstable", colour))
     layout = {

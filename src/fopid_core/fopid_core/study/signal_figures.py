@@ -10,6 +10,7 @@ import numpy as np
 from fopid_core.study.display import decimate, spike_free_range
 from fopid_core.study.plotly_parts import BLUE, GREEN, GREY, RED, VIOLET, Figure, line, segment
 from fopid_core.study.run import Run, Signal
+from fopid_core.study.segment_table import number
 from fopid_core.study.segments import Retuning, retunings
 
 _COLOURS = {"setpoint": GREY, "measurement": BLUE, "control": GREEN, "disturbance": VIOLET}
@@ -87,7 +88,7 @@ def _leave_out_spikes(control: Signal, axis: Figure) -> list[Figure]:
         (low, "↓", 0, control.value[low] < shown[0]),
     ):
         if outside:
-            text = f"{arrow} {control.value[at]:.3g}"
+            text = f"{arrow} {number(float(control.value[at]))}"
             place = {"yref": "y2 domain", "yanchor": ("bottom", "top")[edge], "xanchor": "left", "xshift": 2}
             notes.append({**place, "x": float(control.time[at]), "y": edge, "text": text, "showarrow": False})
     return notes

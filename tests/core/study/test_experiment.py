@@ -1,0 +1,66 @@
+"""Experiments are checked before anything is started, and one can be made for any process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from fopid_core.errors import InputError
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
+from fopid_core.model.process import read_process
+from fopid_core.model.stability import stability
+from fopid_core.study.experiment import demo_experiment, parse_experiment, read_experiment
+
+MINIMAL = {"process": "P1", "phases": [{"name": "step", "duration": 5.0, "setpoint": 1.0}]}
+
+
+@pytest.mark.parametrize(
+    "process",
+    [
+        "P1", "P2", "P3", "P4", "9/((s+1)(s^2+2s+9))", "3.13/(433.33s+1)*exp(-50s)", "1/(s(s+1))", "-2/(s+1)^3",
+        "1/(0.8s^2+0.5s+1)*exp(-s)", "(1-s)/(s+1)^2", "1/(0.001s+1)^2", "1/(s-0.2)",
+    ],
+)  # fmt: skip
+def test_demo_starts_from_a_stable_loop_and_reads_back(process: str) -> None:
+    experiment = demo_experiment(process)
+    assert stability(Loop(read_process(process), Fopid(**experiment.gains))).stable
+    assert parse_experiment(yaml.safe_load(experiment.to_yaml())) == experiment
+    assert [bool(phase.tune) for phase in experiment.phases] == [False, True, False, True, False]
+    assert 10_000 <= experiment.duration / experiment.sample_time <= 25_000
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"process": "1/(s+"}, "character 6"),
+        ({"process": "1/(s^0.5+1)"}, "not rational"),
+        ({"proces": "P1"}, "'proces'"),
+        ({"sample_time": 0.0}, "sample_time = 0.0"),
+        ({"sample_time": "fast"}, "'fast'"),
+        ({"trigger": "now"}, "'now'"),
+        ({"gains": {"kp": 1.0, "lambda": 1.0}}, "'lambda'"),
+        ({"gains": {"kp": float("nan")}}, "kp = nan"),
+        ({"plant": {"noise": 1.0}}, "'noise'"),
+        ({"phases": []}, "at least one phase"),
+        ({"phases": "none"}, "a list"),
+        ({"phases": [{"name": "a"}]}, "'duration'"),
+        ({"phases": [{"name": "a", "duration": -1.0}]}, "duration = -1.0"),
+        ({"phases": [{"name": "a", "duration": 1.0, "setpoint": float("inf")}]}, "setpoint = inf"),
+        ({"phases": [{"name": "a", "duration": 1.0, "tune": {"method": "frequency", "margin": 1}}]}, "'margin'"),
+    ],
+)
+def test_what_cannot_be_run_is_named(change: dict, named: str) -> None:
+    with pytest.raises(InputError, match=named.replace("(", r"\(")):
+        parse_experiment({**MINIMAL, **change})
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"missing\.yaml"):
+        read_experiment(tmp_path / "missing.yaml")
+    broken = tmp_path / "broken.yaml"
+    broken.write_text("phases: [")
+    with pytest.raises(InputError, match=r"broken\.yaml"):
+        read_experiment(broken)
