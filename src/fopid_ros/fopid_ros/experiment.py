@@ -240,7 +240,8 @@ def conduct(experiment: Experiment, folder: Path, console: Console) -> int:
     Returns
     -------
     int
-        Exit code: 0 done, 2 could not be done, 3 done but a tuning found nothing to apply, 130 interrupted. The bag is closed in every case.
+        Exit code: 0 done, 2 could not be done, 3 done but a tuning found nothing to apply, 130 interrupted. The
+        bag is closed in every case.
     """
     node = ExperimentNode(experiment)
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from fopid_core.errors import InputError
+from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.model.gruenwald import gl1_response
 from fopid_core.model.indices import (
     Indices,
@@ -31,6 +32,8 @@ PAPER_STEP = 0.01
 """Sample time [s] of the paper's tables."""
 
 _SETTLED = 0.1  # below the frequency where S has left its steady state by this, little happens
+_MOVED = 0.5  # the process's own frequency is where it has left its steady state by this, relatively
+_LONGEST = 100.0  # times its own the process is slow at most: a power of s near 0 never settles
 _SLOW_TIMES = 5.0
 _DELAYS = 10.0
 
@@ -146,13 +149,22 @@ def default_horizon(loop: Loop) -> float:
     >>> default_horizon(Loop(read_process("P1"), Fopid(1.0, 0.4, 0.5)))
     100.0
     """
-    frequency = np.exp(right_half_plane_zeros(loop.characteristic).log_frequency)
-    sensitivity = loop.sensitivity(1j * frequency)
-    moved = np.flatnonzero(np.abs(sensitivity - sensitivity[0]) > _SETTLED)
-    slow = frequency[moved[0]] if moved.size else frequency[-1]
+    w = np.exp(right_half_plane_zeros(loop.characteristic).log_frequency)
+    sensitivity = loop.sensitivity(1j * w)
+    slow = _first(w, np.abs(sensitivity - sensitivity[0]) > _SETTLED)
+    if math.isfinite(loop.process.steady_state_gain):
+        own = _first(w, np.abs(loop.process(1j * w) / loop.process.steady_state_gain - 1.0) > _MOVED)
+    else:
+        own = _first(w, np.abs(loop(1j * w)) < 1.0)
+    slow = min(max(slow, own / _LONGEST), own)
     wished = _SLOW_TIMES / slow + _DELAYS * loop.process.delay
     decade = 10.0 ** math.floor(math.log10(wished))
     return float(next(n * decade for n in (1, 2, 5, 10) if n * decade >= wished))
+
+
+def _first(w: Floats, happens: Booleans) -> float:
+    """The first frequency at which it happens, or the last at all."""
+    return float(w[np.argmax(happens)] if happens.any() else w[-1])
 
 
 def _steady_state_error(loop: Loop) -> float:

@@ -20,6 +20,9 @@ from fopid_core.model.arrays import Complexes, Floats
 Transforms = Callable[[Complexes], Complexes]
 """From points s, shape (m,), to the transforms of k signals there, shape (k, m)."""
 
+Sizes = Callable[[Floats], Floats]
+"""From instants [s], shape (n,), to the sizes that errors are measured by, shape (k, n)."""
+
 TOLERANCE = 1e-6  # two numbers of points must agree to this before either is believed
 _LEAK = 1e-8  # of the line itself and of rounding, whatever the number of points
 _DAMPING = 23.0  # exp(-23) = 1e-10: what one period of the Fourier series leaks into the next
@@ -38,7 +41,7 @@ class Piece:
     time : ndarray, shape (n,)
     values : ndarray, shape (k, n)
     accuracy : ndarray, shape (k,)
-        Estimated largest error, relative to the largest value where that is above 1.
+        Estimated largest error, relative to the signal's size.
     """
 
     time: Floats
@@ -51,13 +54,15 @@ def fastest_rate(horizon: float) -> float:
     return float(_FAST_INSTANTS * _WINDOW_RATIO**_MOST_WINDOWS / horizon)
 
 
-def invert(transforms: Transforms, horizon: float, rate: float, growth: float = 0.0) -> tuple[Piece, ...]:
+def invert(transforms: Transforms, sizes: Sizes, horizon: float, rate: float, growth: float = 0.0) -> tuple[Piece, ...]:
     """Signals from their transforms.
 
     Parameters
     ----------
     transforms : callable
         Transforms of k signals that are smooth for t > 0.
+    sizes : callable
+        What an error of each signal is measured by, besides the signal itself and 1.
     horizon : float
         Last instant [s].
     rate : float
@@ -73,14 +78,14 @@ def invert(transforms: Transforms, horizon: float, rate: float, growth: float = 
 
     Examples
     --------
-    >>> (piece,) = invert(lambda s: 1.0 / (s + 1.0)[None, :] ** 2, horizon=2.0, rate=1.0)
+    >>> (piece,) = invert(lambda s: 1.0 / (s + 1.0)[None, :] ** 2, lambda t: 0.0 * t, horizon=2.0, rate=1.0)
     >>> round(float(piece.values[0, -1]), 6)  # t exp(-t)
     0.270671
     """
     count = math.ceil(math.log(max(rate * horizon / _FAST_INSTANTS, 1.0), _WINDOW_RATIO))
     start = 0.0 if count <= _MOST_WINDOWS else horizon / _WINDOW_RATIO ** (_MOST_WINDOWS + 1)
     edges = [start, *(horizon / _WINDOW_RATIO**k for k in range(min(count, _MOST_WINDOWS), -1, -1))]
-    return tuple(_window(transforms, first, last, growth) for first, last in itertools.pairwise(edges))
+    return tuple(_window(transforms, sizes, first, last, growth) for first, last in itertools.pairwise(edges))
 
 
 def values_at(pieces: tuple[Piece, ...], time: Floats) -> Floats:
@@ -95,25 +100,24 @@ def values_at(pieces: tuple[Piece, ...], time: Floats) -> Floats:
     return values
 
 
-def _window(transforms: Transforms, first: float, last: float, growth: float) -> Piece:
+def _window(transforms: Transforms, sizes: Sizes, first: float, last: float, growth: float) -> Piece:
     number = _FEWEST_POINTS
     coarse = _samples(transforms, last, number, growth)
     while True:
         number *= 2
         fine = _samples(transforms, last, number, growth)
         start = math.ceil(first / last * (number // 4))
-        gap = _gap(fine[:, ::2][:, start:], coarse[:, start:])
+        shared = fine[:, ::2][:, start:]
+        gap = np.abs(shared - coarse[:, start:])
+        if gap.max() > TOLERANCE:
+            time = np.linspace(0.0, last, number // 4 + 1)[start:]
+            gap /= np.maximum(np.maximum(np.abs(shared), sizes(time)), 1.0)
         if gap.max() <= TOLERANCE or number >= _MOST_POINTS:
             break
         coarse = fine
     kept = slice(2 * start + (1 if first else 0), None)  # the window before ends with our first instant
-    return Piece(np.linspace(0.0, last, number // 2 + 1)[kept], fine[:, kept], np.maximum(gap, _LEAK))
-
-
-def _gap(fine: Floats, coarse: Floats) -> Floats:
-    largest = np.maximum(np.max(np.abs(fine), axis=1), 1.0)
-    gap: Floats = np.max(np.abs(fine - coarse), axis=1) / largest
-    return gap
+    accuracy = np.maximum(gap.max(axis=1), _LEAK)
+    return Piece(np.linspace(0.0, last, number // 2 + 1)[kept], fine[:, kept], accuracy)
 
 
 def _samples(transforms: Transforms, last: float, number: int, growth: float) -> Floats:

@@ -40,7 +40,7 @@ class Response:
         y, u and r - y at these instants; where a signal jumps, the value after the jump. Where the ideal derivative
         makes the control infinite, at the instant of a setpoint step, it is infinite here.
     accuracy, control_accuracy : float
-        Estimated largest error of the output and of the control, relative to the largest value where that is above 1.
+        Estimated largest error of the output and of the control, relative to the signal where that is above 1.
     control_impulse : float
         Weight [s] of the impulse that the control contains at t = 0 (a derivative of order 1 at a setpoint step),
         infinite for something stronger (order above 1). It is not in ``control``.
@@ -95,7 +95,10 @@ def step_response(loop: Loop, horizon: float, source: Source = "setpoint", point
         common = 1.0 / denominator(s)
         return np.stack([n(s) * common - part.transform(s) for n, part in zip(numerators, sudden, strict=True)])
 
-    pieces = invert(remainders, horizon, rate, _growth(loop, horizon))
+    def sizes(time: Floats) -> Floats:
+        return np.abs(np.stack([part.signal(time) for part in sudden]))
+
+    pieces = invert(remainders, sizes, horizon, rate, _growth(loop, horizon))
     if points is None:
         time, smooth = np.concatenate([p.time for p in pieces]), np.concatenate([p.values for p in pieces], axis=1)
     else:
@@ -142,9 +145,7 @@ def _growth(loop: Loop, horizon: float) -> float:
     return growth
 
 
-def _sudden_part(
-    numerator: QuasiPolynomial, denominator: QuasiPolynomial, horizon: float, rate: float
-) -> SingularPart:
+def _sudden_part(numerator: QuasiPolynomial, denominator: QuasiPolynomial, horizon: float, rate: float) -> SingularPart:
     if rate > fastest_rate(horizon):  # it would only hold in instants too short to be seen
         return SingularPart.of(QuasiPolynomial(()), rate, _HIGHEST_POWER)
     expansion = expansion_at_infinity(numerator, denominator, -_HIGHEST_POWER, horizon, rate)

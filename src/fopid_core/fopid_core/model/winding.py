@@ -21,6 +21,7 @@ from fopid_core.model.quasipolynomial import QuasiPolynomial
 BORDER = 1e-9  # a zero that so small a relative change of the coefficients puts on the axis is too close to call
 _SAME_ORDER = 1e-11
 _LARGEST_LOG_FREQUENCY = 600.0
+_LARGEST_LOG = 300.0  # its square root can still be squared
 _FIRST_STEP = 0.35
 _FEWEST_STEPS, _MOST_STEPS = 24, 160
 _MOST_HALVINGS = 60
@@ -47,7 +48,7 @@ class Zeros:
     origin_order : ndarray of float, shape (n,)
         The power of s that was taken out; above 0 there is a zero at the origin, which ``count`` leaves out.
     log_frequency : ndarray of float, shape (m,)
-        All points of all grids, ascending: dense where a zero is near the axis.
+        All points of all grids, ascending, as far as no power of s overflows: dense where a zero is near the axis.
     """
 
     count: NDArray[np.int64]
@@ -98,6 +99,7 @@ def count_zeros(coefficients: Floats, orders: Floats, delays: Floats, most_inter
     raw = family.top_order / 2.0 - phase / np.pi
     count = np.rint(raw)
     decided = certain & family.well_posed & (np.abs(raw - count) < 0.01) & (count >= 0)
+    grid = grid[np.abs(grid) < _LARGEST_LOG / (2.0 + family.orders.max())]
     return Zeros(
         np.where(decided, count, -1).astype(np.int64), margin, decided, family.neutral_gain, family.origin_order, grid
     )

@@ -157,6 +157,11 @@ def _typestore(connections: Sequence[Connection]) -> Typestore:
     for c in connections:
         if c.msgdef.format == MessageDefinitionFormat.MSG:
             types.update(get_types_from_msg(c.msgdef.data, c.msgtype))
+    unknown = sorted({c.msgtype for c in connections} - set(types))
+    if unknown:
+        raise InputError(
+            f"the bag has no definition of {', '.join(unknown)}; allowed: bags that hold their definitions"
+        )
     store = get_typestore(Stores.EMPTY)
     store.register(types)
     return store

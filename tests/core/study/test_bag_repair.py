@@ -1,0 +1,136 @@
+"""A bag that was cut off anywhere opens again, with every whole chunk and nothing else."""
+
+from __future__ import annotations
+
+import shutil
+import struct
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from fopid_core.errors import InputError
+from fopid_core.study.bag_repair import is_whole, repair, repaired_copy
+from fopid_core.study.bag_writer import BagWriter
+from fopid_core.study.rosbag2 import Topic
+
+CHUNK = 40
+TOPICS = ("/a", "/b")
+
+
+def float64(value: float) -> bytes:
+    return struct.pack("<4Bd", 0, 1, 0, 0, value)
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten chunks of 40 messages, on two topics by turns."""
+    folder = tmp_path_factory.mktemp("whole") / "bag"
+    bag = BagWriter(folder, [Topic(name, "std_msgs/msg/Float64", "float64 data") for name in TOPICS], {"note": "kept"})
+    for k in range(10 * CHUNK):
+        bag.write(TOPICS[k % 2], k, float64(k))
+        if (k + 1) % CHUNK == 0:
+            bag.flush()
+    bag.close()
+    return folder
+
+
+def times(bag: Path) -> list[int]:
+    with Reader(bag) as reader:
+        return [time for _, time, _ in reader.messages()]
+
+
+def chunk_ends(path: Path) -> list[int]:
+    """Where the file's chunks end, from its own index."""
+    with path.open("rb") as stream:
+        return [c.chunk_start_offset + c.chunk_length for c in make_reader(stream).get_summary().chunk_indexes]
+
+
+@settings(derandomize=True, deadline=None, max_examples=60)
+@given(share=st.floats(0.0, 1.0))
+def test_all_chunks_before_the_cut_are_kept(
+    original: Path, share: float, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = original / "bag.mcap"
+    ends, data = chunk_ends(path), path.read_bytes()
+    cut = ends[0] + round(share * (len(data) - 1 - ends[0]))
+    copy = tmp_path_factory.mktemp("cut")
+    (copy / "bag.mcap").write_bytes(data[:cut])
+    shutil.copy(original / "metadata.yaml", copy)
+    assert not is_whole(copy / "bag.mcap")
+    content = repair(copy)
+    assert is_whole(copy / "bag.mcap")
+    expected = list(range(CHUNK * sum(end <= cut for end in ends)))
+    assert times(copy) == times(copy / "bag.mcap") == expected
+    assert sum(content.counts.values()) == len(expected)
+    with (copy / "bag.mcap").open("rb") as stream:  # another reader, by the index alone
+        assert [m.log_time for _, _, m in make_reader(stream, validate_crcs=True).iter_messages()] == expected
+
+
+def test_the_repaired_bag_says_of_itself_what_the_whole_one_said(original: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "bag"
+    shutil.copytree(original, copy)
+    data = (copy / "bag.mcap").read_bytes()
+    (copy / "bag.mcap").write_bytes(data[:-30])
+    repair(copy)
+    before, after = (yaml.safe_load((folder / "metadata.yaml").read_text()) for folder in (original, copy))
+    assert after == before
+
+
+@pytest.mark.parametrize("compression", [CompressionMode.NONE, CompressionMode.STORAGE])
+def test_bags_of_other_writers_are_repaired_too(tmp_path: Path, compression: CompressionMode) -> None:
+    writer = Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP)
+    if compression != CompressionMode.NONE:
+        from rosbags.rosbag2 import CompressionFormat
+
+        writer.set_compression(compression, CompressionFormat.ZSTD)
+    writer.open()
+    connection = writer.add_connection("/a", "std_msgs/msg/Float64", typestore=get_typestore(Stores.ROS2_JAZZY))
+    for k in range(100_000):
+        writer.write(connection, k, float64(k))
+    writer.close()
+    path = tmp_path / "bag" / "bag.mcap"
+    path.write_bytes(path.read_bytes()[:-1000])
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    repair(tmp_path / "bag")
+    assert times(tmp_path / "bag") == list(range(100_000))
+
+
+def test_a_damaged_chunk_and_all_after_it_are_dropped(original: Path, tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    ends, data = chunk_ends(original / "bag.mcap"), bytearray((original / "bag.mcap").read_bytes())
+    data[ends[4] - 20] ^= 0xFF  # within the fifth chunk
+    path.write_bytes(data)
+    repair(tmp_path)
+    assert times(path) == list(range(4 * CHUNK))
+
+
+def test_a_copy_leaves_the_original_alone(original: Path, tmp_path: Path) -> None:
+    source = tmp_path / "broken"
+    source.mkdir()
+    broken = (original / "bag.mcap").read_bytes()[:-100]
+    (source / "bag.mcap").write_bytes(broken)
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    copy = repaired_copy(source, scratch)
+    assert times(copy) == list(range(10 * CHUNK))
+    assert [path.name for path in source.iterdir()] == ["bag.mcap"]
+    assert (source / "bag.mcap").read_bytes() == broken
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a bag at all, but long enough to be looked at"])
+def test_what_is_no_mcap_file_is_refused_and_left_alone(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "bag.mcap").write_bytes(content)
+    with pytest.raises(InputError, match=r"bag\.mcap"):
+        repair(tmp_path)
+    assert (tmp_path / "bag.mcap").read_bytes() == content
+
+
+def test_a_folder_without_an_mcap_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds 0 mcap files"):
+        repair(tmp_path)
