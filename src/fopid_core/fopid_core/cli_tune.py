@@ -43,7 +43,7 @@ def reduce_verb(process: str, template: str, keep_gain: bool, as_json: bool) -> 
         }
         for model in models
     ]
-    tables = [(model.template, {**model.parameters, "H2 error": model.h2_error}) for model in models]
+    tables: list[tuple[str, dict[str, Any]]] = [(model.template, {**model.parameters, "H2 error": model.h2_error}) for model in models]
     tables.append(("Preferred", {choice.model.template: choice.reason}))
     emit({"models": rows, "preferred": choice.model.template, "reason": choice.reason}, tables, as_json)
 

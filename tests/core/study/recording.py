@@ -21,7 +21,7 @@ MESSAGES = Path(__file__).parents[3] / "src" / "fopid_msgs" / "msg"
 START = Fopid(kp=1.0, ki=0.25)
 BY_FREQUENCY = Fopid(kp=1.2726, ki=0.5317, kd=0.9134, lam=0.9817, mu=0.8213)
 IN_TIME = Fopid(kp=3.0, ki=0.75, kd=2.6, lam=1.0, mu=1.1)
-SAMPLE_TIME = 0.02
+SAMPLE_TIME = 0.05
 STRETCH = 30.0
 
 EXPERIMENT = f"""\

@@ -43,6 +43,8 @@ def _derivative_kick() -> Callable[[Real], Real]:
     """r(mu), read off the controller itself; at a sample time of 1 s, since it does not depend on it."""
     orders = np.linspace(0.0, 2.0, 41)
     kicks = [FopidController(ControllerSettings(Fopid(0.0, 0.0, 1.0, 1.0, mu), 1.0)).step(1.0, 0.0) for mu in orders]
-    below, above = orders <= 1.0, orders >= 1.0
+    fine = np.linspace(0.0, 2.0, 4001)
+    below, above = orders <= 1.0, orders >= 1.0  # the controller takes differences above 1: a kink
     splines = [CubicSpline(orders[part], np.array(kicks)[part]) for part in (below, above)]
-    return lambda mu: np.where(mu <= 1.0, splines[0](mu), splines[1](mu))
+    table = np.where(fine <= 1.0, splines[0](fine), splines[1](fine))
+    return lambda mu: np.interp(mu, fine, table)

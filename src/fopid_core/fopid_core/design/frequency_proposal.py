@@ -25,6 +25,8 @@ SHARES = (1.0, 0.8, 0.64, 0.5, 0.4, 0.3, 0.2, 0.1)
 """Shares of the natural crossover that are tried in turn when none is asked for."""
 OTHER_MARGINS = tuple(sign * step for step in (1, 3, 6, 10, 15, 20, 30, 40, 50) for sign in (-1, 1))
 """Changes of the phase margin [deg] that are tried, nearest first, when there is no design for it."""
+ROBUST = 2.0
+"""Where something was left open, it is chosen so that neither |S| nor |T| is larger than this, if it can be."""
 LOW_FREQUENCY_DB, LOW_FREQUENCY = -26.0, 1.0 / 30.0
 """A bound on |S|, at this share of the crossover, that is kept where possible when none is asked for: without it the
 smallest ms is that of an integral so weak that the error takes very long to die out."""
@@ -35,7 +37,10 @@ def propose_frequency(request: TuningRequest, progress: Progress, expired: Expir
     process, remark = _model(request, progress)
     phase_margin = request.phase_margin or defaults.PHASE_MARGIN
     crossover = request.crossover or defaults.natural_crossover(process, phase_margin)
-    wished = FrequencySpecification(phase_margin, crossover, request.t_max, request.s_max, request.criterion)
+    wished = FrequencySpecification(
+        phase_margin, crossover, request.t_max, request.s_max, request.criterion,
+        request.u_max or math.inf, request.sample_time,
+    )  # fmt: skip
     progress(0.3, "searching the square of orders")
     if request.solver in ("paper", "monje"):
         solve = solve_equations if request.solver == "paper" else optimise_constrained
@@ -61,32 +66,46 @@ def _model(request: TuningRequest, progress: Progress) -> tuple[Process, str]:
 def _first_met(
     process: Process, request: TuningRequest, wished: FrequencySpecification, expired: Expired
 ) -> tuple[FrequencySpecification, FrequencyDesign]:
-    """What was left open is chosen so that there is a design; without one, the design for the wish as it is."""
-    first = None
-    for specification in _choices(request, wished):
+    """What was left open is chosen so that there is a robust design; without one, the design for the wish as it is."""
+    met = None
+    for specification in _choices(process, request, wished):
         design = tune_frequency(process, specification)
-        if design.met:
+        if design.met and max(design.ms, design.mt) <= ROBUST:
             return specification, design
-        if specification.s_max == request.s_max and first is None:
-            first = specification, design
+        met = met or ((specification, design) if design.met else None)
         if expired():
             break
-    return first or (wished, tune_frequency(process, wished))
+    return met or (wished, tune_frequency(process, wished))
 
 
-def _choices(request: TuningRequest, wished: FrequencySpecification) -> Iterator[FrequencySpecification]:
-    """Specifications to be tried: first what is wished with a fair integral, then slower, then with other margins."""
+def _choices(
+    process: Process, request: TuningRequest, wished: FrequencySpecification
+) -> Iterator[FrequencySpecification]:
+    """Specifications to be tried: at every crossover first with the default bounds, then with other margins."""
     turns = (0, *OTHER_MARGINS) if request.phase_margin is None else (0,)
     for turn in turns:
         margin = wished.phase_margin + math.radians(turn)
-        if not 0.0 < margin < math.pi:
-            continue
-        for share in _shares(request, turn):
-            crossover = share * wished.crossover
-            plain = replace(wished, phase_margin=margin, crossover=crossover)
-            if request.s_max is None:
-                yield replace(plain, s_max=Bound(LOW_FREQUENCY_DB, LOW_FREQUENCY * crossover))
-            yield plain
+        if 0.0 < margin < math.pi:
+            asked = [
+                replace(wished, phase_margin=margin, crossover=w * wished.crossover) for w in _shares(request, turn)
+            ]
+            modest = [_modest(process, request, specification) for specification in asked]
+            fair = [_fair(request, specification) for specification in modest]
+            yield from dict.fromkeys([*fair, *modest, *asked])  # each once
+
+
+def _fair(request: TuningRequest, specification: FrequencySpecification) -> FrequencySpecification:
+    """With the bound on |S| at low frequencies that is kept where possible when none is asked for."""
+    if request.s_max is not None:
+        return specification
+    return replace(specification, s_max=Bound(LOW_FREQUENCY_DB, LOW_FREQUENCY * specification.crossover))
+
+
+def _modest(process: Process, request: TuningRequest, specification: FrequencySpecification) -> FrequencySpecification:
+    """With the bound on the control that is kept where possible when none is asked for, as in time-domain tuning."""
+    if request.u_max is not None:
+        return specification
+    return replace(specification, u_max=defaults.U_MAX / abs(defaults.process_gain(process)))
 
 
 def _shares(request: TuningRequest, turn: int) -> tuple[float, ...]:
@@ -104,6 +123,8 @@ def _chosen(request: TuningRequest, specification: FrequencySpecification) -> st
         text += f"phase margin {math.degrees(specification.phase_margin):g} deg by default; "
     if request.s_max is None and specification.s_max is not None:
         text += f"|S| <= {specification.s_max} by default; "
+    if request.u_max is None and math.isfinite(specification.u_max):
+        text += f"control peak <= {specification.u_max:.4g} at {specification.sample_time:g} s ticks by default; "
     return text
 
 
@@ -114,11 +135,15 @@ def _without_design(
         f"phase margin {math.degrees(specification.phase_margin):.4g} deg with a flat phase at the only crossover "
         f"{specification.crossover:.4g} rad/s"
     )
+    if math.isfinite(specification.u_max):
+        asked += f" and control peak <= {specification.u_max:g}"
     message += "no stable design with gains of one sign"
     for turn in OTHER_MARGINS:
         margin = specification.phase_margin + math.radians(turn)
         if 0.0 < margin < math.pi:
-            near = tune_frequency(process, replace(specification, phase_margin=margin, t_max=None, s_max=None))
+            near = tune_frequency(
+                process, replace(specification, phase_margin=margin, t_max=None, s_max=None, u_max=math.inf)
+            )
             if near.controller is not None:
                 unmet = f"{asked}: nearest possible {math.degrees(margin):.4g} deg"
                 return Proposal(near.controller, (unmet,), message, near.ms, evaluations)

@@ -5,7 +5,8 @@ is a search in two dimensions: among the admissible designs the best one by a st
 
 A design is admissible when its gains have one sign (all positive for a process of positive gain; a
 controller whose parts pull against each other is not robust), the loop is stable, w_gc is its only
-crossover, and the bounds (4) and (5) hold on their whole bands.
+crossover, the control right after a setpoint step is within its bound, and the bounds (4) and (5) hold on their
+whole bands.
 """
 
 from __future__ import annotations

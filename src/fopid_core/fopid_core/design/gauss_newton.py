@@ -60,11 +60,10 @@ class Descent:
         return self.cost * (1.0 + PENALTY * max(-self.slack - 0.01 * INSIDE, 0.0))
 
 
-def begin(problem: TimeProblem, start: Real) -> Descent:
-    """A descent before its first step."""
-    gains = np.clip(start, *problem.box.T)
-    cost, slack = problem.cost_and_slack(gains[None])
-    return Descent(gains, float(cost[0]), float(slack.min()))
+def begin(problem: TimeProblem, rows: Real) -> list[Descent]:
+    """Descents before their first step, from rows (kp, ki, kd, lam, mu)."""
+    cost, slack = problem.cost_and_slack(rows)
+    return [Descent(row, float(c), float(s.min())) for row, c, s in zip(rows, cost, slack, strict=True)]
 
 
 def descend(
@@ -103,8 +102,7 @@ def _step(problem: TimeProblem, descent: Descent, point: Linearised, winding: fl
     for row, slack in zip(rows, problem.slack(rows), strict=True):
         if slack.min() < 0.0:
             row[free] = np.clip(row[free] / unit + _restoring(point, slack), low, high) * unit
-    cost, slack = problem.cost_and_slack(rows)
-    tried = [Descent(row, float(c), float(s.min())) for row, c, s in zip(rows, cost, slack, strict=True)]
+    tried = begin(problem, rows)
     best = int(np.argmin([trial.merit for trial in tried]))
     if not tried[best].merit < descent.merit or abs(problem.winding(rows[best]) - winding) > 1.0:
         return None

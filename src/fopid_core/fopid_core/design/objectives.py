@@ -45,6 +45,11 @@ class Behaviour:
     w: Real
     loop: Complex
 
+    @property
+    def signals(self) -> Real:
+        """Errors, and behind them controls where they count."""
+        return self.errors if self.controls is None else np.concatenate([self.errors, self.controls], axis=1)
+
 
 @dataclass(frozen=True)
 class Objective:
@@ -95,28 +100,31 @@ class Objective:
         """Whether it is a sum of integrals of absolute values and squares, and nothing else."""
         return self.name != "zamani"
 
-    def integrals(self, behaviour: Behaviour) -> tuple[Real, Real, Real]:
-        """Signals (n, m) and the weights (m,) of their absolute values and squares whose sum is the cost.
+    def time_weights(self, time: Real) -> tuple[Real, Real]:
+        """Weights, shape (m,), of the signals' absolute values and squares whose sum is the cost.
 
         The sum is the trapezoid rule for eqs. (24) to (29); behind the error stands the control where it counts.
         """
-        t = behaviour.time
-        of_absolute = {"iae": np.ones_like(t), "itae": t}
-        of_square = {"ise": np.ones_like(t), "itse": t, "istes": t**4, "istse": t**2}
-        trapezoid = np.full_like(t, t[1])
+        of_absolute = {"iae": np.ones_like(time), "itae": time}
+        of_square = {"ise": np.ones_like(time), "itse": time, "istes": time**4, "istse": time**2}
+        trapezoid = np.full_like(time, time[1])
         trapezoid[[0, -1]] *= 0.5
         absolute = self._combined(of_absolute) * trapezoid
         square = self._combined(of_square) * trapezoid
-        if behaviour.controls is None:
-            return behaviour.errors, absolute, square
-        of_control = np.full_like(t, self.weights["energy"] * t[1])
-        signals = np.concatenate([behaviour.errors, behaviour.controls], axis=1)
-        return signals, np.concatenate([absolute, 0.0 * t]), np.concatenate([square, of_control])
+        if not self.needs_control:
+            return absolute, square
+        of_control = np.full_like(time, self.weights["energy"] * time[1])
+        return np.concatenate([absolute, 0.0 * time]), np.concatenate([square, of_control])
 
-    def cost(self, behaviour: Behaviour) -> Real:
-        """The cost of each loop, shape (n,)."""
-        signals, absolute, square = self.integrals(behaviour)
-        total = np.abs(signals) @ absolute + signals**2 @ square
+    def cost(self, behaviour: Behaviour, weights: tuple[Real, Real]) -> Real:
+        """The cost of each loop, shape (n,), with the weights for its time."""
+        absolute, square = weights
+        signals = behaviour.signals
+        total = np.zeros(len(signals))
+        if absolute.any():
+            total = total + np.abs(signals) @ absolute
+        if square.any():
+            total = total + signals**2 @ square
         return np.asarray(total if self.is_integral else total + self._zamani(behaviour))
 
     def _combined(self, powers: Mapping[str, Real]) -> Real:

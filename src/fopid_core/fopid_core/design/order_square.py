@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fopid_core.design.control_peak import first_control
 from fopid_core.design.specification import FrequencySpecification, require
 from fopid_core.model.process import Process
 from fopid_core.model.stability import stable_mask
@@ -247,6 +248,8 @@ class OrderSquare:
         gains = self._wish.gains(lam, mu)
         gains = gains[np.isfinite(gains).all(axis=1)]
         gains = gains[has_one_sign(gains)]
+        first = first_control(gains, self.specification.sample_time)
+        gains = gains[np.abs(first) <= self.specification.u_max]
         loop = self._loop(gains)
         single = self._crosses_once(loop)
         return self._measure(gains[single], loop[single])

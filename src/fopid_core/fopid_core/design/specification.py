@@ -70,6 +70,8 @@ class FrequencySpecification:
     criterion : str
         What is best among the designs that meet them: the smallest ``peaks``, the larger of max |S| and max |T|;
         the smallest ``ms`` = max |S|; or the widest ``flatness`` of the phase, eq. (3).
+    u_max : float
+        Bound on the control right after a unit setpoint step, of the controller as it runs at ``sample_time`` [s].
     """
 
     phase_margin: float
@@ -77,6 +79,8 @@ class FrequencySpecification:
     t_max: Bound | None = None
     s_max: Bound | None = None
     criterion: str = "peaks"
+    u_max: float = math.inf
+    sample_time: float = 0.01
 
     def __post_init__(self) -> None:
         require(0 < self.phase_margin < math.pi, "phase_margin", self.phase_margin, "above 0 and below pi rad")
@@ -107,12 +111,14 @@ class TuningRequest:
         For ``time``: ``iae ise itae itse istes istse sum``, ``zamani`` or ``energy`` (with ``weights``).
     horizon : float, optional
         For ``time``: the time the index is integrated over [s].
-    ms_max, u_max, noise_max : float, optional
-        For ``time``: bounds on max |S|, on the peak of the control after a unit setpoint step, and on the
-        gain from measurement noise to control, both for the controller as it runs at ``sample_time``; infinite
-        for none.
+    u_max : float, optional
+        Bound on the peak of the control after a unit setpoint step, for the controller as it runs at
+        ``sample_time``; infinite for none. (For ``frequency``: the control at the step itself.)
+    ms_max, noise_max : float, optional
+        For ``time``: bounds on max |S|, and on the gain from measurement noise to control at ``sample_time``;
+        infinite for none.
     sample_time : float
-        For ``time``: the tick of the controller as it will run [s].
+        The tick of the controller as it will run [s].
     fixed : mapping
         For ``time``: any of kp, ki, kd, lam, mu that shall keep a value; ``{"lam": 1, "mu": 1}`` is plain PID.
     bounds : mapping

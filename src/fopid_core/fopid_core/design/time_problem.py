@@ -114,6 +114,7 @@ class TimeProblem:
         self.points = points or enough_points(specification.horizon * self.speed)
         self.evaluations = 0
         self._grid = ResponseGrid(process, specification.horizon, self.points, self.speed)
+        self._weights = specification.objective.time_weights(self._grid.time)
         self._w = self.speed * np.logspace(-2.5, 2.5, density * BANDS)
         self._p = process(1j * self._w)
         nyquist = max(math.pi / specification.sample_time, self.speed)
@@ -148,7 +149,8 @@ class TimeProblem:
     def cost_and_slack(self, gains: Real) -> tuple[Real, Real]:
         """Cost (n,) and what is left to each bound (n, bounds), relative; negative where it is broken."""
         behaviour = self._behaviour(gains)
-        return self.specification.objective.cost(behaviour), self._slack(gains, behaviour.loop)
+        cost = self.specification.objective.cost(behaviour, self._weights)
+        return cost, self._slack(gains, behaviour.loop)
 
     def slack(self, gains: Real) -> Real:
         """What is left to each bound, shape (n, bounds)."""
@@ -161,7 +163,7 @@ class TimeProblem:
         rows = np.repeat(gains[None], len(free) + 1, axis=0)
         rows[1:, free] += np.diag(step * self.scale[free])
         behaviour = self._behaviour(rows)
-        signals, absolute, square = self.specification.objective.integrals(behaviour)
+        signals, (absolute, square) = behaviour.signals, self._weights
         slack = self._slack(rows, behaviour.loop)
         return Linearised(
             cost=float(np.abs(signals[0]) @ absolute + signals[0] ** 2 @ square),

@@ -36,6 +36,8 @@ RIGHT, ROUGHLY_RIGHT = 1e-3, 2e-2
 """Relative error of the cost from which on the time steps are too long; the latter for costs that jump."""
 RIGHT_MS, DENSE = 1e-4, 160
 """Relative error of ms from which on the frequencies are too few, and how many a band has then."""
+ROUGH, ROUGH_POINTS = 5, 16
+"""Frequencies in a band, and time steps, where it is only to be seen which gains are about right."""
 MOST_POINTS = 1 << 15
 
 
@@ -176,7 +178,7 @@ class _Search:
         rows = rows[stable_mask(self.process, rows)]
         if not len(rows):
             return None
-        begun = sorted((begin(problem, row) for row in rows), key=lambda descent: descent.merit)[:BEGUN]
+        begun = sorted(begin(problem, rows), key=lambda descent: descent.merit)[:BEGUN]
         ended = self._simplex(problem, begun) if self.solver == "nelder-mead" else self._descend(problem, begun)
         self.evaluations += problem.evaluations
         ended.sort(key=lambda descent: descent.merit)
@@ -225,11 +227,12 @@ def _shapes(problem: TimeProblem, seed: int) -> Real:
 
 def _on_the_bounds(problem: TimeProblem, shapes: Real) -> Real:
     """Each shape with the largest of many gains at which no bound is broken, else with the least broken."""
-    factors = np.geomspace(1e-2, 1e2, 33)
+    factors = np.geomspace(1e-2, 1e2, 25)
     tried = np.repeat(shapes[:, None], len(factors), axis=1)
     tried[:, :, :3] *= factors[:, None]
     tried = np.clip(tried, *problem.box.T)
-    worst = problem.slack(tried.reshape(-1, 5)).min(axis=1).reshape(len(shapes), -1)
+    rough = problem.changed(points=ROUGH_POINTS, density=ROUGH)
+    worst = rough.slack(tried.reshape(-1, 5)).min(axis=1).reshape(len(shapes), -1)
     fits = worst >= 0.0
     largest = fits.shape[1] - 1 - fits[:, ::-1].argmax(axis=1)
     return np.asarray(tried[np.arange(len(shapes)), np.where(fits.any(axis=1), largest, worst.argmax(axis=1))])

@@ -32,7 +32,7 @@ PAPER_STEP = 0.01
 """Sample time [s] of the paper's tables."""
 
 _SETTLED = 0.1  # below the frequency where S has left its steady state by this, little happens
-_MOVED = 0.5  # the process's own frequency is where it has left its steady state by this, relatively
+_MOVED = 0.3  # the process's own frequency is where it has left its steady state by this, relatively
 _LONGEST = 100.0  # times its own the process is slow at most: a power of s near 0 never settles
 _SLOW_TIMES = 5.0
 _DELAYS = 10.0
@@ -163,8 +163,8 @@ def default_horizon(loop: Loop) -> float:
 
 
 def _first(w: Floats, happens: Booleans) -> float:
-    """The first frequency at which it happens, or the last at all."""
-    return float(w[np.argmax(happens)] if happens.any() else w[-1])
+    """The first frequency at which it happens, or one in the middle where it never does."""
+    return float(w[np.argmax(happens)] if happens.any() else w[w.size // 2])
 
 
 def _steady_state_error(loop: Loop) -> float:

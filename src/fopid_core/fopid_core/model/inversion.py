@@ -30,6 +30,7 @@ _WINDOW_RATIO = 8
 _MOST_WINDOWS = 16
 _FAST_INSTANTS = 20.0  # the first window is so many times 1 / rate long
 _FEWEST_POINTS, _MOST_POINTS = 1 << 11, 1 << 19
+_MOST_FIRST_POINTS = 1 << 14  # the first window is as short as the signals are fast: more only adds rounding
 
 
 @dataclass(frozen=True)
@@ -101,9 +102,9 @@ def values_at(pieces: tuple[Piece, ...], time: Floats) -> Floats:
 
 
 def _window(transforms: Transforms, sizes: Sizes, first: float, last: float, growth: float) -> Piece:
-    number = _FEWEST_POINTS
-    coarse = _samples(transforms, last, number, growth)
-    while True:
+    number, most = _FEWEST_POINTS, _MOST_POINTS if first else _MOST_FIRST_POINTS
+    coarse, gap = _samples(transforms, last, number, growth), np.array([np.inf])
+    while gap.max() > TOLERANCE and number < most:
         number *= 2
         fine = _samples(transforms, last, number, growth)
         start = math.ceil(first / last * (number // 4))
@@ -112,8 +113,6 @@ def _window(transforms: Transforms, sizes: Sizes, first: float, last: float, gro
         if gap.max() > TOLERANCE:
             time = np.linspace(0.0, last, number // 4 + 1)[start:]
             gap /= np.maximum(np.maximum(np.abs(shared), sizes(time)), 1.0)
-        if gap.max() <= TOLERANCE or number >= _MOST_POINTS:
-            break
         coarse = fine
     kept = slice(2 * start + (1 if first else 0), None)  # the window before ends with our first instant
     accuracy = np.maximum(gap.max(axis=1), _LEAK)

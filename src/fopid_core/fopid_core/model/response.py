@@ -24,7 +24,7 @@ from fopid_core.model.stability import stability
 Source = Literal["setpoint", "load"]
 
 _LARGEST_EXPONENT = 600.0  # exp(700) overflows
-_HIGHEST_POWER = 4.0  # once the sudden part is out, the transforms fall faster than s**-4
+_HIGHEST_POWER = 6.0  # once the sudden part is out, the transforms fall faster than s**-6
 
 
 @dataclass(frozen=True)

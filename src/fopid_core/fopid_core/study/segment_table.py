@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from rich import box
-from rich.console import Console
+from rich.console import Console, Group
 from rich.table import Table
 
 from fopid_core.study.segments import Segment
@@ -69,22 +69,23 @@ COLUMNS = (
 )
 """Rise from 10 to 90 %, settling to 2 % of the step of the setpoint."""
 
-_COLUMN_WIDTH = 14  # of a segment in the turned table
+_LABELS, _CELLS = 18, 12  # characters for the names of the quantities, and for each segment
 
 
 def _percent(value: float) -> str:
     return NOTHING if math.isnan(value) else f"{value:.1f}"
 
 
-def segment_table(found: Sequence[Segment], width: int = 120) -> Table:
-    """The table for a terminal: a column per segment, or a row when there are too many for ``width``.
+def segment_table(found: Sequence[Segment], width: int = 120) -> Group:
+    """For a terminal: a column per segment, in as many tables below each other as ``width`` asks for.
 
     Examples
     --------
-    >>> segment_table([]).row_count
-    15
+    >>> len(segment_table([], width=80).renderables)
+    0
     """
-    return _turned(found) if (len(found) + 1) * _COLUMN_WIDTH <= width else _upright(found)
+    fitting = max(1, (width - _LABELS) // _CELLS)
+    return Group(*(_table(found[i : i + fitting]) for i in range(0, len(found), fitting)))
 
 
 def print_segments(found: Sequence[Segment]) -> None:
@@ -93,23 +94,12 @@ def print_segments(found: Sequence[Segment]) -> None:
     console.print(segment_table(found, console.width))
 
 
-def _upright(found: Sequence[Segment]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
-    for column in COLUMNS:
-        heading = "\n".join([*column.heading.split(), f"\\[{column.unit}]" if column.unit else ""]).strip()
-        table.add_column(heading, justify="right" if column.is_number else "left", no_wrap=column.is_number)
-    for segment in found:
-        table.add_row(*(column.text(segment) for column in COLUMNS))
-    return table
-
-
-def _turned(found: Sequence[Segment]) -> Table:
-    """A row per quantity."""
+def _table(found: Sequence[Segment]) -> Table:
     name, *quantities = COLUMNS
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
-    table.add_column(name.heading)
+    table.add_column(name.heading, no_wrap=True)
     for segment in found:
-        table.add_column(name.text(segment), justify="right")
+        table.add_column(name.text(segment), justify="right", min_width=_CELLS - 2)
     for column in quantities:
         heading = f"{column.heading} \\[{column.unit}]" if column.unit else column.heading
         table.add_row(heading, *(column.text(segment) for segment in found))

@@ -1,0 +1,224 @@
+"""How fast the core is, each figure beside a baseline that is measured in the same run on the same machine."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopid_core.design.frequency_tuning import tune_frequency
+from fopid_core.design.objectives import Objective
+from fopid_core.design.reduction import reduce_all
+from fopid_core.design.search_response import ResponseGrid
+from fopid_core.design.specification import Bound, FrequencySpecification
+from fopid_core.design.time_problem import TimeProblem, TimeSpecification
+from fopid_core.design.time_tuning import tune_time
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.indices import indices
+from fopid_core.model.loop import Loop
+from fopid_core.model.process import TEST_BENCH, Process, read_process
+from fopid_core.model.response import step_response
+from fopid_core.model.stability import stability, stable_mask
+
+GAINS = (2.9692, 0.8028, 1.3394, 1.0138, 0.6074)
+"""Of the paper's Table 4, ITAE on P1."""
+HORIZON = 50.0
+POINTS = 256
+"""Steps of a response that has the index right to 0.1 %."""
+MS_MAX, U_MAX, SAMPLE_TIME = 1.6, 20.0, 0.01
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured figure.
+
+    Attributes
+    ----------
+    name : str
+    value : float
+    unit : str
+    baseline : float or None
+        The same thing done by the baseline, in the same unit.
+    baseline_name : str
+    note : str
+        How right the answers are, where that belongs to the figure.
+    """
+
+    name: str
+    value: float
+    unit: str
+    baseline: float | None = None
+    baseline_name: str = ""
+    note: str = ""
+
+    @property
+    def ratio(self) -> float | None:
+        """How many times faster than the baseline."""
+        return None if self.baseline is None else self.baseline / self.value
+
+
+def benchmark(report: Callable[[float, str], None] | None = None, with_baseline_tuning: bool = True) -> list[Figure]:
+    """Measure everything.
+
+    Parameters
+    ----------
+    report : callable, optional
+        Called with the share done and what is being measured.
+    with_baseline_tuning : bool
+        Whether the baseline's tuning is measured too; it takes most of the time.
+    """
+    parts: list[Callable[[], list[Figure]]] = [
+        _response,
+        lambda: _tuning(with_baseline_tuning),
+        _other_tunings,
+        _stability,
+        _growth_with_horizon,
+        _growth_with_order,
+        _growth_with_candidates,
+        _import_time,
+    ]
+    figures = []
+    for i, part in enumerate(parts):
+        if report:
+            report(i / len(parts), f"{len(figures)} figures measured")
+        figures += part()
+    return figures
+
+
+def best_time(work: Callable[[], object], repeats: int = 20) -> float:
+    """Shortest of several runs [s]: what the work takes when nothing else runs."""
+    times = []
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begun)
+    return min(times)
+
+
+def _response() -> list[Figure]:
+    """One closed-loop response with its index, at the accuracy that a search needs."""
+    import control
+
+    from fopid_core.study.benchmark_baseline import itae
+
+    exact_response = step_response(Loop(read_process("P1"), Fopid(*GAINS)), HORIZON)
+    exact = indices(exact_response.time, exact_response.error).itae
+    grid = ResponseGrid(read_process("P1"), HORIZON, POINTS, speed=0.85)
+    gains = np.array([GAINS])
+    trapezoid_of_t = grid.time * grid.time[1]
+
+    def ours() -> float:
+        return float(np.abs(grid.errors(gains)[0]) @ trapezoid_of_t)
+
+    process = control.ss(control.tf([1.0], [1.0, 3.0, 3.0, 1.0]))
+    spectrum = np.fft.rfft(np.random.default_rng(0).standard_normal(2 * POINTS))
+    took, bare = best_time(ours, 500), best_time(lambda: np.fft.irfft(spectrum), 500)
+    note = f"index off by {ours() / exact - 1.0:+.3%}, the baseline's by {itae(process, GAINS, HORIZON) / exact - 1.0:+.3%}"
+    baseline = best_time(lambda: itae(process, GAINS, HORIZON), 10)
+    return [
+        Figure("response with ITAE, P1, 50 s", 1e6 * took, "us", 1e6 * baseline, "python-control, Oustaloup", note),
+        Figure("the same beside a bare FFT of its length", 1e6 * took, "us", 1e6 * bare, "numpy irfft"),
+    ]
+
+
+def _specification() -> TimeSpecification:
+    return TimeSpecification(Objective.of("itae", {}), HORIZON, MS_MAX, U_MAX, sample_time=SAMPLE_TIME)
+
+
+def _exact_itae(gains: tuple[float, ...]) -> float:
+    response = step_response(Loop(read_process("P1"), Fopid(*gains)), HORIZON)
+    return indices(response.time, response.error).itae
+
+
+def _tuning(with_baseline: bool) -> list[Figure]:
+    """A whole ITAE tuning of P1 under bounds on max |S| and on the control's peak."""
+    process = read_process("P1")
+    found = tune_time(process, _specification())
+    assert found is not None
+    took = best_time(lambda: tune_time(process, _specification()), 5)
+    note = f"ITAE {_exact_itae(found.controller.gains):.4f}"
+    if not with_baseline:
+        return [Figure("ITAE tuning of P1", took, "s", note=note)]
+    import control
+
+    from fopid_core.study.benchmark_baseline import tune_itae
+
+    plant = control.ss(control.tf([1.0], [1.0, 3.0, 3.0, 1.0]))
+    begun = time.perf_counter()
+    gains, responses = tune_itae(plant, HORIZON, MS_MAX, U_MAX, SAMPLE_TIME, start=(1.0, 0.3, 0.1, 1.0, 0.9))
+    baseline = time.perf_counter() - begun
+    note += f", the baseline's {_exact_itae(tuple(float(g) for g in gains)):.4f} after {responses} evaluations"
+    return [Figure("ITAE tuning of P1", took, "s", baseline, "scipy Nelder-Mead on python-control", note)]
+
+
+def _other_tunings() -> list[Figure]:
+    """The slowest of the four processes of the test bench."""
+    crossovers = {"P1": 0.3, "P2": 1.0, "P3": 0.1, "P4": 1.0}
+    frequency, time_domain, reduction = [], [], []
+    for name in TEST_BENCH:
+        process = read_process(name)
+        asked = FrequencySpecification(math.radians(80.0), crossovers[name], Bound(-40.0, 10.0), Bound(-40.0, 0.01))
+        frequency.append(best_time(lambda p=process, a=asked: tune_frequency(p, a), 10))  # type: ignore[misc]
+        time_domain.append(best_time(lambda p=process: tune_time(p, _specification()), 3))  # type: ignore[misc]
+        models = reduce_all(process)
+        reduction.append(max(model.elapsed for model in models))
+    return [
+        Figure("frequency-domain tuning, slowest of P1 to P4", 1e3 * max(frequency), "ms"),
+        Figure("ITAE tuning, slowest of P1 to P4", max(time_domain), "s"),
+        Figure("model reduction, slowest of P1 to P4 and templates", max(reduction), "s"),
+    ]
+
+
+def _stability() -> list[Figure]:
+    loop = Loop(read_process("P1"), Fopid(*GAINS))
+    rows = np.array(GAINS) * np.random.default_rng(0).uniform(0.5, 1.5, size=(256, 5))
+    rows[:, 3:] = np.clip(rows[:, 3:], 0.1, 1.9)
+    one = best_time(lambda: stability(loop), 100)
+    many = best_time(lambda: stable_mask(loop.process, rows), 10) / len(rows)
+    return [Figure("stability verdict, each of 256 at once", 1e6 * many, "us", 1e6 * one, "one by one")]
+
+
+def _growth_with_horizon() -> list[Figure]:
+    rows = []
+    for horizon in (25.0, 50.0, 100.0, 200.0):
+        problem = TimeProblem(read_process("P1"), TimeSpecification(Objective.of("itae", {}), horizon, MS_MAX, U_MAX))
+        took = best_time(lambda p=problem: p.cost_and_slack(np.array([GAINS])), 50)  # type: ignore[misc]
+        rows.append(Figure(f"cost and bounds, horizon {horizon:g} s", 1e6 * took, "us", note=f"{problem.points} steps"))
+    return rows
+
+
+def _growth_with_order() -> list[Figure]:
+    rows = []
+    for order in (2, 4, 8, 16):
+        problem = TimeProblem(Process.parse(f"1/(s+1)^{order}"), _specification())
+        took = best_time(lambda p=problem: p.cost_and_slack(np.array([GAINS])), 50)  # type: ignore[misc]
+        rows.append(Figure(f"cost and bounds, process of order {order}", 1e6 * took, "us"))
+    return rows
+
+
+def _growth_with_candidates() -> list[Figure]:
+    problem = TimeProblem(read_process("P1"), _specification())
+    alone = best_time(lambda: problem.cost_and_slack(np.array([GAINS])), 100)
+    rows = []
+    for count in (8, 64, 512):
+        batch = np.repeat(np.array([GAINS]), count, axis=0)
+        each = best_time(lambda b=batch: problem.cost_and_slack(b), 10) / count  # type: ignore[misc]
+        rows.append(Figure(f"cost and bounds, each of {count} at once", 1e6 * each, "us", 1e6 * alone, "one by one"))
+    return rows
+
+
+def _import_time() -> list[Figure]:
+    def run(code: str) -> float:
+        return best_time(lambda: subprocess.run([sys.executable, "-c", code], check=True), 3)
+
+    python = run("pass")
+    tuner = run("import fopid_core.design.tuner")
+    return [
+        Figure("import of fopid_core", run("import fopid_core") - python, "s"),
+        Figure("import of the tuner", tuner - python, "s", run("import control") - python, "import of python-control"),
+    ]
