@@ -196,7 +196,7 @@ def _checked(content: Any, kind: type, where: str) -> dict[str, Any]:
     return dict(content)
 
 
-SAMPLES_PER_PHASE = 4000
+SAMPLES_PER_PHASE = 3000
 PAPER_SPECIFICATIONS = {"P1": (80.0, 0.3), "P2": (80.0, 1.0), "P3": (80.0, 0.1), "P4": (80.0, 1.0)}
 """Phase margin [deg] and crossover [rad/s] of the paper's Table 3."""
 
@@ -213,7 +213,7 @@ def demo_experiment(source: str, trigger: str = "lockstep") -> Experiment:
     PlantSettings(process)  # says what cannot be simulated before anything else is tried
     natural = natural_crossover(process, PHASE_MARGIN)
     degrees, crossover = PAPER_SPECIFICATIONS.get(source.strip(), (0.0, 0.0))  # 0: the tuner chooses
-    stretch = _round_up(10.0 / min(crossover or 0.5 * natural, natural) + 5.0 * process.delay)
+    stretch = _round_up(8.0 / min(crossover or 0.5 * natural, natural) + 5.0 * process.delay)
     sample_time = _round_up(stretch / SAMPLES_PER_PHASE)
     gains = starting_gains(process, natural)
     dc = process.steady_state_gain
