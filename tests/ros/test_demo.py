@@ -20,6 +20,7 @@ from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.runtime.simulation import simulate
 from fopid_core.study.bag import read_bag
 from fopid_core.study.experiment import demo_experiment
+from fopid_ros.demo import only_demonstration
 
 from .conftest import BIN, Graph
 
@@ -152,8 +153,17 @@ def test_a_domain_in_use_by_another_loop_is_said(graph: Graph, tmp_path: Path) -
     ended = subprocess.run([BIN / "experiment", experiment_file(tmp_path), "--out", tmp_path / "run"],
                            env=graph.environment, capture_output=True, text=True, timeout=60, check=False)  # fmt: skip
     assert ended.returncode == 2
-    assert "2 nodes publish 'measurement'" in ended.stderr
+    assert f"domain {graph.domain} is in use" in ended.stderr
     assert "/other_plant" in ended.stderr
+
+
+def test_a_second_demo_on_the_same_domain_starts_nothing(tmp_path: Path) -> None:
+    with domain_id() as domain, only_demonstration(str(domain)):
+        ended = subprocess.run([BIN / "fopid_demo", "--out", tmp_path / "run"], env=environment(domain),
+                               capture_output=True, text=True, timeout=60, check=False)  # fmt: skip
+    assert ended.returncode == 2
+    assert ended.stderr.startswith(f"error: ROS_DOMAIN_ID = {domain} is in use by another demonstration")
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:

@@ -235,3 +235,20 @@ def repair_verb(bag: Path, as_json: bool) -> None:
 
     content = repair(bag)
     emit({"bag": str(bag), "messages": content.counts}, [("Messages", content.counts)], as_json)
+
+
+@main.command("benchmark", context_settings=ARGUMENTS)
+@click.option("--quick", is_flag=True, help="Leave out the baseline's tuning, which takes most of the time.")
+@as_json
+def benchmark_verb(quick: bool, as_json: bool) -> None:
+    """Measure how fast the core is, each figure beside its baseline."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from fopid_core.study.benchmark import benchmark
+
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("benchmark", total=1.0)
+        figures = benchmark(lambda share, what: bar.update(task, completed=share, description=what), not quick)
+    rows = [asdict(figure) | {"ratio": figure.ratio} for figure in figures]
+    emit({"figures": rows}, [("Benchmark", {figure.name: str(figure) for figure in figures})], as_json)

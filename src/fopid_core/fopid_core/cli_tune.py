@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +44,9 @@ def reduce_verb(process: str, template: str, keep_gain: bool, as_json: bool) -> 
         }
         for model in models
     ]
-    tables: list[tuple[str, dict[str, Any]]] = [(model.template, {**model.parameters, "H2 error": model.h2_error}) for model in models]
+    tables: list[tuple[str, Mapping[str, Any]]] = [
+        (model.template, {**model.parameters, "H2 error": model.h2_error}) for model in models
+    ]
     tables.append(("Preferred", {choice.model.template: choice.reason}))
     emit({"models": rows, "preferred": choice.model.template, "reason": choice.reason}, tables, as_json)
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import fcntl
 import os
 import signal
 import sys
+import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,6 +47,26 @@ def _environment() -> dict[str, str]:
     """ROS stays on this machine; small matrices need one thread."""
     chosen = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "OPENBLAS_NUM_THREADS": "1"}
     return {name: os.environ.get(name, value) for name, value in chosen.items()}
+
+
+@contextmanager
+def only_demonstration(domain: str) -> Iterator[None]:
+    """Hold a lock, so that two demonstrations on one domain of this machine do not drive each other's loop.
+
+    Raises
+    ------
+    InputError
+        If another one holds it.
+    """
+    path = Path(tempfile.gettempdir(), f"fopid_demo-{os.getuid()}-domain-{domain}.lock")
+    with path.open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"ROS_DOMAIN_ID = {domain} is in use by another demonstration; allowed: a domain of its own"
+            ) from None
+        yield
 
 
 def _watch(children: Children) -> int:
@@ -85,17 +108,23 @@ def _run(options: argparse.Namespace) -> int:
 
     experiment = demo_experiment(options.process, options.trigger)
     folder = options.out or run_folder("demo")
-    try:
-        folder.mkdir(parents=True)
-        file = folder / "experiment.yaml"
-        file.write_text(experiment.to_yaml(), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"folder {str(folder)!r}: {error.strerror}; allowed: a new folder") from None
-    environment = _environment()
-    with Children() as children:
+    with only_demonstration(os.environ.get("ROS_DOMAIN_ID", "0")), Children() as children:
+        file = _write(experiment, folder)
+        environment = _environment()
         start_nodes(children, experiment, environment)
         children.start("experiment", [command("experiment"), str(file), "--out", str(folder)], environment)
         return _watch(children)
+
+
+def _write(experiment: Experiment, folder: Path) -> Path:
+    """The experiment's file in a new folder."""
+    file = folder / "experiment.yaml"
+    try:
+        folder.mkdir(parents=True)
+        file.write_text(experiment.to_yaml(), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"folder {str(folder)!r}: {error.strerror}; allowed: a new folder") from None
+    return file
 
 
 def _raise_interrupt(number: int, frame: object) -> None:

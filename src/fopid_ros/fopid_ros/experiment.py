@@ -45,6 +45,25 @@ class StopRequestedError(Exception):
     """Ctrl-C or a request to terminate."""
 
 
+def refuse_other_loops(node: Node, allowed: int) -> None:
+    """Two plants or controllers on the same topics would drive each other's loop.
+
+    Raises
+    ------
+    InputError
+        If more than ``allowed`` nodes publish the measurement or the control, naming them.
+    """
+    for topic in ("measurement", "control"):
+        infos = node.get_publishers_info_by_topic(topic)
+        names = sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
+        if len(names) > allowed:
+            domain = node.context.get_domain_id()
+            raise InputError(
+                f"domain {domain} is in use: {topic!r} is published by {', '.join(names)}; "
+                f"allowed: one loop. Set ROS_DOMAIN_ID, or a namespace of its own for each loop"
+            )
+
+
 class ExperimentNode(Node):
     """Publishes setpoint and disturbance, calls the tuner, lets the plant advance in lockstep."""
 
@@ -110,18 +129,7 @@ class ExperimentNode(Node):
                 if time.monotonic() > deadline:
                     raise InputError(f"{missing} (domain {self.context.get_domain_id()})")
                 self.spin(SLICE)
-        self._refuse_a_second_loop()
-
-    def _refuse_a_second_loop(self) -> None:
-        """Two plants or controllers on the same topics would drive each other's loop."""
-        for topic in ("measurement", "control"):
-            names = [f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-                     for info in self.get_publishers_info_by_topic(topic)]  # fmt: skip
-            if len(names) > 1:
-                raise InputError(
-                    f"{len(names)} nodes publish {topic!r} in domain {self.context.get_domain_id()}: "
-                    f"{', '.join(sorted(names))}; allowed: one. Set ROS_DOMAIN_ID or a namespace of your own"
-                )
+        refuse_other_loops(self, allowed=1)
 
     def begin_phase(self, phase: Phase) -> None:
         """Make the changes a phase starts with; in lockstep all are in place before the loop goes on."""

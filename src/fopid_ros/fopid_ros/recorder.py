@@ -35,7 +35,7 @@ _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}
 class Recorder:
     """Writes every message of the given topics into a rosbag2 mcap bag, until ``close``.
 
-    A message is logged at its own stamp (a header or a time as its first field; zero counts as none), else
+    A message is logged at its own stamp (a header or a time as its first field; zero is none), else
     at the node's clock. A write error ends the recording, not the run: it is told once to ``on_failure``.
 
     Parameters
@@ -105,7 +105,9 @@ class Recorder:
         return partial(self._record, topic, _stamp if stamped else _no_stamp)
 
     def _record(self, topic: str, stamp: Callable[[bytes], int], data: bytes) -> None:
-        log_time = stamp(data) or self._node.get_clock().now().nanoseconds
+        log_time = stamp(data)
+        if log_time <= 0:
+            log_time = self._node.get_clock().now().nanoseconds
         with self._lock:
             if not self._bag.closed:
                 self._attempt(partial(self._bag.write, topic, log_time, data))

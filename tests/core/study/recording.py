@@ -67,6 +67,11 @@ class Recording:
         raw = self.types.serialize_cdr(self.message(type_name, **fields), type_name)
         self.writer.write(self._connections[name], round(log_time * 1e9), raw)
 
+    def end_chunk(self) -> None:
+        """Hand what was written so far to the file."""
+        if self.writer.storage_plugin == StoragePlugin.MCAP and any(self.writer.counts.values()):
+            self.writer.storage.close_chunk()
+
     def message(self, type_name: str, **fields: Any) -> Any:
         kind = self.types.types[type_name]
         _, layout = self.types.fielddefs[type_name]
@@ -104,6 +109,7 @@ def record_loop(recording: Recording, origin: float = 0.0, process: str = TEST_B
             _record_tuning(recording, now, method, gains, controller.settings.gains, process)
             controller.reconfigure(with_gains(settings, gains))
         if k % per_phase == 0:
+            recording.end_chunk()
             recording.write("experiment/phase", now, "fopid_msgs/msg/ExperimentPhase", header=header, name=names[phase])
             for topic, value in (("setpoint", setpoints[phase]), ("disturbance", loads[phase])):
                 recording.write(topic, now, "fopid_msgs/msg/ScalarStamped", header=header, value=value)

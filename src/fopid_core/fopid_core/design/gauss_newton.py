@@ -70,7 +70,7 @@ def descend(
     problem: TimeProblem,
     descent: Descent,
     steps: int,
-    tolerance: float = 1e-6,
+    tolerance: float = 1e-5,
     expired: Callable[[], bool] | None = None,
 ) -> Descent:
     """So many steps further, or fewer when they bring less than ``tolerance``, relative, or time is over."""

@@ -116,10 +116,10 @@ class TimeProblem:
         self._grid = ResponseGrid(process, specification.horizon, self.points, self.speed)
         self._weights = specification.objective.time_weights(self._grid.time)
         self._w = self.speed * np.logspace(-2.5, 2.5, density * BANDS)
-        self._p = process(1j * self._w)
+        self._log_w, self._p = np.log(self._w), process(1j * self._w)
         nyquist = max(math.pi / specification.sample_time, self.speed)
-        self._noise_w = np.geomspace(0.1 * self.speed, nyquist, 60)
-        self._noise_p = process(1j * self._noise_w)
+        noise_w = np.geomspace(0.1 * self.speed, nyquist, 60)
+        self._log_noise_w, self._noise_p = np.log(noise_w), process(1j * noise_w)
         size = abs(self.gain)
         self.scale = np.array([1.0 / size, self.speed / size, 1.0 / (size * self.speed), 1.0, 1.0])
         self.box = self._box()
@@ -154,7 +154,7 @@ class TimeProblem:
 
     def slack(self, gains: Real) -> Real:
         """What is left to each bound, shape (n, bounds)."""
-        return self._slack(gains, self._p * _controller(gains, self._w))
+        return self._slack(gains, self._p * _controller(gains, self._log_w))
 
     def linearised(self, gains: Real) -> Linearised:
         """The problem around one controller, from one batch of responses."""
@@ -180,7 +180,7 @@ class TimeProblem:
 
         Between two controllers one of which is stable and one is not, it jumps by a multiple of pi.
         """
-        turned = 1.0 + self._p * _controller(gains[None], self._w)[0]
+        turned = 1.0 + self._p * _controller(gains[None], self._log_w)[0]
         turns = float(np.angle(turned[1:] / turned[:-1]).sum())
         return turns - 0.5 * math.pi * (float(gains[3]) + self.process.integrating_order)
 
@@ -194,16 +194,16 @@ class TimeProblem:
 
     def ms(self, gains: Real) -> Real:
         """Largest |S|, shape (n,)."""
-        return np.asarray(1.0 / np.abs(1.0 + self._p * _controller(gains, self._w)).min(axis=1))
+        return np.asarray(1.0 / np.abs(1.0 + self._p * _controller(gains, self._log_w)).min(axis=1))
 
     def noise_gain(self, gains: Real) -> Real:
         """Largest |C S| up to the Nyquist frequency, shape (n,)."""
-        controller = _controller(gains, self._noise_w)
+        controller = _controller(gains, self._log_noise_w)
         return np.asarray(np.abs(controller / (1.0 + controller * self._noise_p)).max(axis=1))
 
     def _behaviour(self, gains: Real) -> Behaviour:
         self.evaluations += len(gains)
-        loop = self._p * _controller(gains, self._w)
+        loop = self._p * _controller(gains, self._log_w)
         controls = self._controls(gains) if self.specification.objective.needs_control else None
         return Behaviour(self._grid.time, self._grid.errors(gains), controls, self._w, loop)
 
@@ -232,10 +232,9 @@ def enough_points(turns: float) -> int:
     return 1 << math.ceil(math.log2(max(8.0 * turns, 256.0)))
 
 
-def _controller(gains: Real, w: Real) -> Complex:
+def _controller(gains: Real, log_w: Real) -> Complex:
     """C(j w) for rows of gains, shape (n, frequencies)."""
     kp, ki, kd, lam, mu = gains.T[..., None]
-    log_w = np.log(w)
     integral = ki * np.exp(-0.5j * math.pi * lam) * np.exp(-lam * log_w)
     return np.asarray(kp + integral + kd * np.exp(0.5j * math.pi * mu) * np.exp(mu * log_w))
 

@@ -17,20 +17,44 @@ import numpy as np
 
 from fopid_core.model.arrays import Complexes, Floats
 
-Transforms = Callable[[Complexes], Complexes]
-"""From points s, shape (m,), to the transforms of k signals there, shape (k, m)."""
-
-Sizes = Callable[[Floats], Floats]
-"""From instants [s], shape (n,), to the sizes that errors are measured by, shape (k, n)."""
-
 TOLERANCE = 1e-6  # two numbers of points must agree to this before either is believed
 _LEAK = 1e-8  # of the line itself and of rounding, whatever the number of points
-_DAMPING = 23.0  # exp(-23) = 1e-10: what one period of the Fourier series leaks into the next
+_PERIODS = 4  # the Fourier series repeats after so many times the window
+_DAMPING = 20.0  # exp(-20) leaks from one period into the next; exp(20 / 4) is what rounding grows by within the window
 _WINDOW_RATIO = 8
 _MOST_WINDOWS = 16
 _FAST_INSTANTS = 20.0  # the first window is so many times 1 / rate long
-_FEWEST_POINTS, _MOST_POINTS = 1 << 11, 1 << 19
-_MOST_FIRST_POINTS = 1 << 14  # the first window is as short as the signals are fast: more only adds rounding
+_FEWEST_POINTS = 1 << 12
+_RESOLVED = 400.0  # points for each 1 / rate of the window, beyond which more of them add only rounding
+_ROUNDING_SEEN = 3  # doublings in a row that made it worse: without echoes, that is rounding
+
+
+@dataclass(frozen=True)
+class Signals:
+    """k signals by their transforms.
+
+    Attributes
+    ----------
+    transforms : callable
+        From points s, shape (m,), to the transforms there, shape (k, m); the signals are smooth for t > 0.
+    sizes : callable
+        From instants [s], shape (n,), to sizes, shape (k, n): what an error is measured by, besides the signal and 1.
+    rate : float
+        How fast the signals change at first [1/s].
+    growth : float
+        No signal grows faster than exp(growth * t) [1/s].
+    echoes : bool
+        Whether a signal may change as fast later as at first.
+    most_points : int
+        Where to stop looking closer.
+    """
+
+    transforms: Callable[[Complexes], Complexes]
+    sizes: Callable[[Floats], Floats]
+    rate: float
+    growth: float = 0.0
+    echoes: bool = False
+    most_points: int = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -55,21 +79,8 @@ def fastest_rate(horizon: float) -> float:
     return float(_FAST_INSTANTS * _WINDOW_RATIO**_MOST_WINDOWS / horizon)
 
 
-def invert(transforms: Transforms, sizes: Sizes, horizon: float, rate: float, growth: float = 0.0) -> tuple[Piece, ...]:
-    """Signals from their transforms.
-
-    Parameters
-    ----------
-    transforms : callable
-        Transforms of k signals that are smooth for t > 0.
-    sizes : callable
-        What an error of each signal is measured by, besides the signal itself and 1.
-    horizon : float
-        Last instant [s].
-    rate : float
-        How fast the signals change at first [1/s].
-    growth : float
-        No signal grows faster than exp(growth * t) [1/s].
+def invert(signals: Signals, horizon: float) -> tuple[Piece, ...]:
+    """Signals from their transforms, up to a horizon [s].
 
     Returns
     -------
@@ -79,14 +90,15 @@ def invert(transforms: Transforms, sizes: Sizes, horizon: float, rate: float, gr
 
     Examples
     --------
-    >>> (piece,) = invert(lambda s: 1.0 / (s + 1.0)[None, :] ** 2, lambda t: 0.0 * t, horizon=2.0, rate=1.0)
+    >>> signals = Signals(lambda s: 1.0 / (s + 1.0)[None, :] ** 2, np.zeros_like, rate=1.0)
+    >>> (piece,) = invert(signals, horizon=2.0)
     >>> round(float(piece.values[0, -1]), 6)  # t exp(-t)
     0.270671
     """
-    count = math.ceil(math.log(max(rate * horizon / _FAST_INSTANTS, 1.0), _WINDOW_RATIO))
+    count = math.ceil(math.log(max(signals.rate * horizon / _FAST_INSTANTS, 1.0), _WINDOW_RATIO))
     start = 0.0 if count <= _MOST_WINDOWS else horizon / _WINDOW_RATIO ** (_MOST_WINDOWS + 1)
     edges = [start, *(horizon / _WINDOW_RATIO**k for k in range(min(count, _MOST_WINDOWS), -1, -1))]
-    return tuple(_window(transforms, sizes, first, last, growth) for first, last in itertools.pairwise(edges))
+    return tuple(_window(signals, first, last) for first, last in itertools.pairwise(edges))
 
 
 def values_at(pieces: tuple[Piece, ...], time: Floats) -> Floats:
@@ -101,32 +113,49 @@ def values_at(pieces: tuple[Piece, ...], time: Floats) -> Floats:
     return values
 
 
-def _window(transforms: Transforms, sizes: Sizes, first: float, last: float, growth: float) -> Piece:
-    number, most = _FEWEST_POINTS, _MOST_POINTS if first else _MOST_FIRST_POINTS
-    coarse, gap = _samples(transforms, last, number, growth), np.array([np.inf])
-    while gap.max() > TOLERANCE and number < most:
+def _window(signals: Signals, first: float, last: float) -> Piece:
+    """One window, with twice as many points again until that changes nothing, or no longer for the better."""
+    number = _FEWEST_POINTS
+    coarse = _samples(signals, last, number)
+    best, values, kept = np.array([np.inf]), coarse, 0
+    gaps = [math.inf]
+    while number < signals.most_points and gaps[-1] > TOLERANCE and not _is_rounding(signals, number, last, gaps):
         number *= 2
-        fine = _samples(transforms, last, number, growth)
-        start = math.ceil(first / last * (number // 4))
-        shared = fine[:, ::2][:, start:]
-        gap = np.abs(shared - coarse[:, start:])
-        if gap.max() > TOLERANCE:
-            time = np.linspace(0.0, last, number // 4 + 1)[start:]
-            gap /= np.maximum(np.maximum(np.abs(shared), sizes(time)), 1.0)
+        fine = _samples(signals, last, number)
+        start = math.ceil(first / last * (number // (2 * _PERIODS)))
+        gap = _gap(signals, last, fine[:, ::2], coarse, start)
+        gaps.append(float(gap.max()))
+        if gaps[-1] < best.max():
+            best, values, kept = gap, fine, 2 * start
         coarse = fine
-    kept = slice(2 * start + (1 if first else 0), None)  # the window before ends with our first instant
-    accuracy = np.maximum(gap.max(axis=1), _LEAK)
-    return Piece(np.linspace(0.0, last, number // 2 + 1)[kept], fine[:, kept], accuracy)
+    kept += 1 if first else 0  # the window before ends with our first instant
+    return Piece(np.linspace(0.0, last, values.shape[1])[kept:], values[:, kept:], np.maximum(best, _LEAK))
 
 
-def _samples(transforms: Transforms, last: float, number: int, growth: float) -> Floats:
-    """The signals at number // 2 + 1 instants from 0 to ``last``; ``growth`` [1/s] moves the line to the right."""
-    period = 2.0 * last
-    line = _DAMPING / period + growth
+def _is_rounding(signals: Signals, number: int, last: float, gaps: list[float]) -> bool:
+    """Whether more points have begun to make it worse; with echoes, or early, that may be a detail coming into view."""
+    if number > _RESOLVED * signals.rate * last:
+        return gaps[-1] > min(gaps)
+    recent = gaps[-_ROUNDING_SEEN - 1 :]
+    return not signals.echoes and len(gaps) > _ROUNDING_SEEN + 1 and recent == sorted(recent)
+
+
+def _gap(signals: Signals, last: float, fine: Floats, coarse: Floats, start: int) -> Floats:
+    """The largest difference of each signal from an instant on, relative to the signal where that is above 1."""
+    gap: Floats = np.abs(fine - coarse)[:, start:]
+    if gap.max() > TOLERANCE:
+        size = np.abs(fine[:, start:]) + signals.sizes(np.linspace(0.0, last, fine.shape[1])[start:])
+        gap = gap / np.maximum(size, 1.0)
+    return np.asarray(gap.max(axis=1), dtype=np.float64)
+
+
+def _samples(signals: Signals, last: float, number: int) -> Floats:
+    """The signals at evenly spaced instants from 0 to ``last``, ``number`` of them in the whole period."""
+    period = _PERIODS * last
+    line = _DAMPING / period + signals.growth
     s: Complexes = np.asarray(line + 2j * np.pi / period * np.arange(number // 2 + 1), dtype=np.complex128)
-    time = np.linspace(0.0, last, number // 2 + 1)
-    series = np.fft.irfft(transforms(s) * _taper(number // 2 + 1), axis=1)[:, : number // 2 + 1]
-    values: Floats = series * np.exp(line * time) * (number / period)
+    series = np.fft.irfft(signals.transforms(s) * _taper(number // 2 + 1), axis=1)[:, : number // _PERIODS + 1]
+    values: Floats = series * np.exp(line * np.linspace(0.0, last, series.shape[1])) * (number / period)
     return values
 
 

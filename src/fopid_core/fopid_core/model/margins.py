@@ -13,7 +13,7 @@ from fopid_core.model.asymptotics import leading_term
 from fopid_core.model.curves import follow
 from fopid_core.model.loop import Loop
 from fopid_core.model.quasipolynomial import QuasiPolynomial
-from fopid_core.model.winding import right_half_plane_zeros
+from fopid_core.model.winding import LARGEST_LOG, right_half_plane_zeros
 
 Curve = Callable[[Floats], Floats]
 
@@ -127,6 +127,7 @@ def _grid(loop: Loop) -> tuple[Floats, bool]:
     """The grid ln w over all that happens in the loop, and whether it is stable."""
     closed, *others = (right_half_plane_zeros(f) for f in (loop.characteristic, loop.process.denominator, loop.forward))
     dense = np.concatenate([closed.log_frequency, *(zeros.log_frequency for zeros in others)])
+    dense = dense[np.abs(dense) < LARGEST_LOG / (2.0 + loop.characteristic.degree)]
     low, high = dense.min() - 1.0, dense.max() + 1.0
     z = np.union1d(dense, np.linspace(low, high, math.ceil((high - low) / _LOG_STEP) + 1))
     delay = max(t.delay for t in loop.characteristic.terms)

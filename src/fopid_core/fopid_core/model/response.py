@@ -16,7 +16,7 @@ from fopid_core.errors import InputError
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.asymptotics import SingularPart, expansion_at_infinity, fast_rate, leading_term
 from fopid_core.model.growth import growth_bound
-from fopid_core.model.inversion import fastest_rate, invert, values_at
+from fopid_core.model.inversion import Signals, fastest_rate, invert, values_at
 from fopid_core.model.loop import Loop
 from fopid_core.model.quasipolynomial import QuasiPolynomial
 from fopid_core.model.stability import stability
@@ -24,6 +24,7 @@ from fopid_core.model.stability import stability
 Source = Literal["setpoint", "load"]
 
 _LARGEST_EXPONENT = 600.0  # exp(700) overflows
+_MOST_WORK, _FEWEST_AT_MOST = 1 << 24, 1 << 17  # points times sudden terms, and points whatever these
 _HIGHEST_POWER = 6.0  # once the sudden part is out, the transforms fall faster than s**-6
 
 
@@ -98,7 +99,9 @@ def step_response(loop: Loop, horizon: float, source: Source = "setpoint", point
     def sizes(time: Floats) -> Floats:
         return np.abs(np.stack([part.signal(time) for part in sudden]))
 
-    pieces = invert(remainders, sizes, horizon, rate, _growth(loop, horizon))
+    points_at_most = max(_MOST_WORK // (1 + sum(part.powers.size for part in sudden)), _FEWEST_AT_MOST)
+    echoes = any(t.delay for t in loop.characteristic.terms)
+    pieces = invert(Signals(remainders, sizes, rate, _growth(loop, horizon), echoes, points_at_most), horizon)
     if points is None:
         time, smooth = np.concatenate([p.time for p in pieces]), np.concatenate([p.values for p in pieces], axis=1)
     else:

@@ -21,7 +21,7 @@ from fopid_core.model.quasipolynomial import QuasiPolynomial
 BORDER = 1e-9  # a zero that so small a relative change of the coefficients puts on the axis is too close to call
 _SAME_ORDER = 1e-11
 _LARGEST_LOG_FREQUENCY = 600.0
-_LARGEST_LOG = 300.0  # its square root can still be squared
+LARGEST_LOG = 300.0  # of a value that can still be squared
 _FIRST_STEP = 0.35
 _FEWEST_STEPS, _MOST_STEPS = 24, 160
 _MOST_HALVINGS = 60
@@ -99,7 +99,7 @@ def count_zeros(coefficients: Floats, orders: Floats, delays: Floats, most_inter
     raw = family.top_order / 2.0 - phase / np.pi
     count = np.rint(raw)
     decided = certain & family.well_posed & (np.abs(raw - count) < 0.01) & (count >= 0)
-    grid = grid[np.abs(grid) < _LARGEST_LOG / (2.0 + family.orders.max())]
+    grid = grid[np.abs(grid) < LARGEST_LOG / (2.0 + family.orders.max())]
     return Zeros(
         np.where(decided, count, -1).astype(np.int64), margin, decided, family.neutral_gain, family.origin_order, grid
     )

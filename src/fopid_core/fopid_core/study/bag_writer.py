@@ -12,6 +12,9 @@ from fopid_core.errors import InputError
 from fopid_core.study.bag_repair import repair
 from fopid_core.study.rosbag2 import Content, Topic, dump, information, topic_entry, write_metadata
 
+CHUNK_SIZE = 64 * 1024
+"""Bytes of messages in a chunk before compression: what a full disk or a kill can cost at most."""
+
 LIBRARY = "fopid_core"
 METADATA_RECORD = "rosbag2"
 METADATA_KEY = "serialized_metadata"
@@ -68,7 +71,8 @@ class BagWriter:
             raise InputError(f"bag {str(folder)!r} exists already; allowed: a name that is free") from None
         self._path = folder / f"{folder.name}.mcap"
         self._file = self._path.open("xb")
-        self._writer: Any = Writer(self._file, compression=CompressionType.ZSTD)  # its methods carry no types
+        # Any, since its methods carry no types.
+        self._writer: Any = Writer(self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
         self._begin(topics)
 
     def _begin(self, topics: Sequence[Topic]) -> None:
@@ -136,4 +140,4 @@ class BagWriter:
         """End the bag at its last whole chunk."""
         # The buffer still holds what could not be written; without the file beneath it is thrown away.
         self._file.raw.close()
-        self.counts.update(repair(self.folder).counts)
+        self.counts.update(dict.fromkeys(self.counts, 0) | dict(repair(self.folder).counts))

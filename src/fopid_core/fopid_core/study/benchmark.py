@@ -61,6 +61,13 @@ class Figure:
         """How many times faster than the baseline."""
         return None if self.baseline is None else self.baseline / self.value
 
+    def __str__(self) -> str:
+        """The figure in one line."""
+        text = f"{self.value:.4g} {self.unit}"
+        if self.baseline is not None:
+            text += f" ({self.baseline:.4g} {self.unit} with {self.baseline_name}: {self.ratio:.3g} times)"
+        return f"{text}; {self.note}" if self.note else text
+
 
 def benchmark(report: Callable[[float, str], None] | None = None, with_baseline_tuning: bool = True) -> list[Figure]:
     """Measure everything.
@@ -82,7 +89,7 @@ def benchmark(report: Callable[[float, str], None] | None = None, with_baseline_
         _growth_with_candidates,
         _import_time,
     ]
-    figures = []
+    figures: list[Figure] = []
     for i, part in enumerate(parts):
         if report:
             report(i / len(parts), f"{len(figures)} figures measured")
@@ -118,7 +125,8 @@ def _response() -> list[Figure]:
     process = control.ss(control.tf([1.0], [1.0, 3.0, 3.0, 1.0]))
     spectrum = np.fft.rfft(np.random.default_rng(0).standard_normal(2 * POINTS))
     took, bare = best_time(ours, 500), best_time(lambda: np.fft.irfft(spectrum), 500)
-    note = f"index off by {ours() / exact - 1.0:+.3%}, the baseline's by {itae(process, GAINS, HORIZON) / exact - 1.0:+.3%}"
+    off, baseline_off = ours() / exact - 1.0, itae(process, GAINS, HORIZON) / exact - 1.0
+    note = f"index off by {off:+.3%}, the baseline's by {baseline_off:+.3%}"
     baseline = best_time(lambda: itae(process, GAINS, HORIZON), 10)
     return [
         Figure("response with ITAE, P1, 50 s", 1e6 * took, "us", 1e6 * baseline, "python-control, Oustaloup", note),
@@ -180,7 +188,7 @@ def _stability() -> list[Figure]:
     rows[:, 3:] = np.clip(rows[:, 3:], 0.1, 1.9)
     one = best_time(lambda: stability(loop), 100)
     many = best_time(lambda: stable_mask(loop.process, rows), 10) / len(rows)
-    return [Figure("stability verdict, each of 256 at once", 1e6 * many, "us", 1e6 * one, "one by one")]
+    return [Figure("stability verdict, each of 256 at once", 1e6 * many, "us", 1e6 * one, "one at a time")]
 
 
 def _growth_with_horizon() -> list[Figure]:
@@ -208,7 +216,7 @@ def _growth_with_candidates() -> list[Figure]:
     for count in (8, 64, 512):
         batch = np.repeat(np.array([GAINS]), count, axis=0)
         each = best_time(lambda b=batch: problem.cost_and_slack(b), 10) / count  # type: ignore[misc]
-        rows.append(Figure(f"cost and bounds, each of {count} at once", 1e6 * each, "us", 1e6 * alone, "one by one"))
+        rows.append(Figure(f"cost and bounds, each of {count} at once", 1e6 * each, "us", 1e6 * alone, "one at a time"))
     return rows
 
 

@@ -85,6 +85,7 @@ def tune_itae(
             return 1e5
         return itae(process, gains, horizon)
 
-    options = {"maxfev": 1500, "xatol": 1e-4, "fatol": 1e-4}
-    found = minimize(cost, np.asarray(start), method="Nelder-Mead", options=options)
+    found = minimize(
+        cost, np.asarray(start), method="Nelder-Mead", options={"maxfev": 1500, "xatol": 1e-4, "fatol": 1e-4}
+    )
     return np.asarray(found.x), int(found.nfev)
