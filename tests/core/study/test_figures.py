@@ -153,3 +153,12 @@ def test_a_comparison_has_both_signals_of_every_run() -> None:
     assert [(t["name"], t["yaxis"], t["showlegend"]) for t in figure["data"]] == [
         (name, axis, axis == "y") for name in "abc" for axis in ("y", "y2")
     ]
+
+
+def test_a_comparison_shows_all_controls_but_the_kicks() -> None:
+    kicked = np.sin(np.arange(2000) / 50.0)
+    kicked[500] = 900.0
+    figure = comparison_figure([run_with(kicked), run_with(np.full(100, 4.0))], ["a", "b"])
+    low, high = figure["layout"]["yaxis2"]["range"]
+    assert low < -1.0
+    assert 4.0 <= high < 10.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -123,6 +124,25 @@ def test_an_event_within_a_phase_makes_a_row_of_its_own() -> None:
     assert [(s.name, s.method) for s in segments(run)] == [
         ("all", "start"), ("all: setpoint 1 → 2", "start"), ("all: retuned (by hand)", "by hand"),
     ]  # fmt: skip
+
+
+def test_on_a_wall_clock_what_processes_do_about_one_phase_is_one_event() -> None:
+    """The tuner's gains arrive, the setpoint moves, the phase is announced; before the first phase is nothing."""
+    time = np.arange(0.0, 20.0, 0.01)
+    setpoint = Signal(np.array([2.09, 8.3]), np.array([1.0, 2.0]))
+    gains = (0.0, Fopid(1.0)), (8.0, Fopid(3.0))
+    run = run_of(time, 0.0, 0.0, state=state_of(time, *gains), phases=(Phase(2.1, "first"), Phase(8.35, "second")))
+    run = replace(run, start=10**18, signals={**run.signals, "setpoint": setpoint})
+    assert [(s.name, s.start) for s in segments(run)] == [("first", 2.09), ("second", 8.3)]
+    assert [s.gains.kp for s in segments(run)] == [1.0, 3.0]
+    simulated = replace(run, start=0)
+    assert [s.name for s in segments(simulated)] == ["first", "first: retuned (by hand)", "second"]
+
+
+def test_steps_in_quick_succession_stay_apart_on_a_wall_clock() -> None:
+    time = np.arange(0.0, 5.0, 0.01)
+    run = replace(run_of(time, np.floor(time / 0.3), 0.0), start=10**18)
+    assert [s.start for s in segments(run)] == pytest.approx(0.3 * np.arange(1, 17), abs=0.01)
 
 
 @pytest.mark.parametrize("shape", [lambda t: 0.1 * t, np.sin, lambda t: np.floor(t / 0.02)])

@@ -67,6 +67,9 @@ def _first_met(
     process: Process, request: TuningRequest, wished: FrequencySpecification, expired: Expired
 ) -> tuple[FrequencySpecification, FrequencyDesign]:
     """What was left open is chosen so that there is a robust design; without one, the design for the wish as it is."""
+    plain = tune_frequency(process, wished) if _is_complete(request) else None
+    if plain is not None and not plain.met:
+        return wished, plain  # the default bounds below would only make it harder
     met = None
     for specification in _choices(process, request, wished):
         design = tune_frequency(process, specification)
@@ -75,7 +78,13 @@ def _first_met(
         met = met or ((specification, design) if design.met else None)
         if expired():
             break
-    return met or (wished, tune_frequency(process, wished))
+    return met or (wished, plain or tune_frequency(process, wished))
+
+
+def _is_complete(request: TuningRequest) -> bool:
+    """Whether nothing is left open and there are bounds that may be out of reach."""
+    given = request.phase_margin is not None and request.crossover is not None
+    return given and (request.t_max is not None or request.s_max is not None)
 
 
 def _choices(

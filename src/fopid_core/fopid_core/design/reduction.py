@@ -157,10 +157,11 @@ def preferred(models: tuple[ReducedModel, ...]) -> Preference:
 
 
 def _check(process: Process, keep_gain: bool) -> None:
-    if process.numerator.is_zero:
-        raise InputError(f"process {process} is zero; allowed: a process that answers its input")
-    if not process_stability(process).stable:
-        raise InputError(f"process {process} is not stable, so its H2 norm is infinite; allowed: a stable process")
+    verdict = process_stability(process)
+    if not verdict.stable:
+        raise InputError(
+            f"process {process} is not stable ({verdict.reason}), so its H2 norm is infinite; allowed: a stable process"
+        )
     if process.relative_degree <= 0.5:
         raise InputError(
             f"process {process} has relative degree {process.relative_degree:g}, so its H2 norm is infinite; "

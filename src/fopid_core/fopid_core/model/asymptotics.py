@@ -18,7 +18,7 @@ from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 
 _MOST_TERMS = 400
-_NEGLIGIBLE = 1e-12
+_LOG_NEGLIGIBLE = math.log(1e-12)
 _ROUNDING = 1e-12
 _DIGITS = 12  # as in QuasiPolynomial: to so many digits sums of orders are exact
 
@@ -74,7 +74,7 @@ def expansion_at_infinity(
     longest_delay : float
         Delays [s] above this are left out.
     rate : float
-        The frequency [rad/s] at which a term counts as negligible or not.
+        The frequency [rad/s] at which terms are compared with the largest and left out when negligible.
 
     Examples
     --------
@@ -101,6 +101,7 @@ class _Division:
 
     def __init__(self, lowest_order: float, longest_delay: float, rate: float) -> None:
         self._lowest, self._longest, self._log_rate = lowest_order, longest_delay, math.log(rate)
+        self._largest = -math.inf
         self._heap: list[tuple[float, float]] = []
         self._coefficients: dict[tuple[float, float], float] = {}
 
@@ -116,7 +117,11 @@ class _Division:
         while self._heap:
             key = heapq.heappop(self._heap)
             term = Term(-key[0], key[1], self._coefficients.pop(key))
-            if abs(term.coefficient) * math.exp(min(term.order * self._log_rate, 600.0)) > _NEGLIGIBLE:
+            if term.coefficient == 0.0:
+                continue
+            log_size = math.log(abs(term.coefficient)) + term.order * self._log_rate
+            self._largest = max(self._largest, log_size)
+            if log_size > self._largest + _LOG_NEGLIGIBLE:
                 return term
         return None
 

@@ -261,7 +261,7 @@ class FopidController:
 def _tracking_gain(settings: ControllerSettings, after_one_tick: float) -> float:
     """What back-calculation adds to the integral's input per unit of excess control.
 
-    Sign and size of 1 / (ki tracking_time^lam), but no more than takes half of the excess back in one tick: beyond that the
+    1 / (ki tracking_time^lam), but no more than takes half of the excess back in one tick: beyond that the
     correction would overshoot from tick to tick. ``after_one_tick`` is the integral of a unit input then.
     """
     gains = settings.gains

@@ -109,7 +109,7 @@ def pade_delay(delay: float, order: int) -> StateSpace:
     """Pade's all-pass approximation of exp(-delay s) of equal orders above and below."""
     k = np.arange(order, -1, -1)
     size = [math.comb(order, i) * math.factorial(2 * order - i) / math.factorial(2 * order) for i in k]
-    denominator = np.array(size) * delay**k.astype(float)
+    denominator = np.array(size) * delay ** k.astype(float)
     return state_space(denominator * (-1.0) ** k, denominator)
 
 

@@ -33,7 +33,7 @@ def simulate(
     plant: Plant,
     samples: int,
     setpoint: Signal,
-    disturbance: Signal = lambda k: 0.0,
+    disturbance: Signal = lambda _: 0.0,
     actions: Mapping[int, Action] | None = None,
 ) -> Trace:
     """Run y_k -> u_k -> y_(k+1) for a number of samples.
@@ -57,7 +57,7 @@ def simulate(
     >>> from fopid_core.runtime.plant import PlantSettings
     >>> controller = FopidController(ControllerSettings(Fopid(kp=1.0, ki=1.0)))
     >>> plant = Plant(PlantSettings(Process.parse("1/(s+1)")))
-    >>> bool(abs(simulate(controller, plant, 1000, lambda k: 1.0).measurement[-1] - 1.0) < 0.01)
+    >>> bool(abs(simulate(controller, plant, 1000, lambda _: 1.0).measurement[-1] - 1.0) < 0.01)
     True
     """
     h = plant.settings.sample_time

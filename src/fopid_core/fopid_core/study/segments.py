@@ -20,6 +20,9 @@ from fopid_core.study.run import Run, Signal, Tuning
 TOGETHER = 10
 """Events closer than this many samples are one: what follows the last of them is what counts."""
 
+PROMPT = 0.5
+"""On a wall clock, so are events of different kinds closer than this [s]: processes take time to react."""
+
 SETTLED = 0.02
 """The band of the settling time, as a share of the step of the setpoint."""
 
@@ -116,8 +119,12 @@ def segments(run: Run) -> tuple[Segment, ...]:
     >>> [round(segment.rise_time, 2) for segment in segments(run)]
     [2.2]
     """
-    changes, slack = retunings(run), TOGETHER * run.sample_time
+    changes, slack = retunings(run), _slack(run)
     return tuple(_measure(run, stretch, _latest(changes, stretch.start + slack)) for stretch in _stretches(run))
+
+
+def _slack(run: Run) -> float:
+    return max(TOGETHER * run.sample_time, PROMPT if run.start else 0.0)
 
 
 def retunings(run: Run) -> tuple[Retuning, ...]:
@@ -149,10 +156,16 @@ def _events(run: Run) -> list[_Event]:
         events += _steps(run, "setpoint", _origin(run.signals["setpoint"], measured))
     if "disturbance" in run.signals:
         events += _steps(run, "disturbance", 0.0)
-    first = float(run.signals["measurement"].time[0])
+    first = run.phases[0].time if run.phases else _first(run)
+    events = [event for event in events if first - _slack(run) <= event.time < run.end]
     if all(event.time > first for event in events):
         events.append(_Event(first, "phase", "start"))
-    return sorted((event for event in events if event.time < run.end), key=lambda event: event.time)
+    return sorted(events, key=lambda event: event.time)
+
+
+def _first(run: Run) -> float:
+    """When the loop had a setpoint and a measurement."""
+    return float(max(run.signals[name].time[0] for name in ("setpoint", "measurement") if name in run.signals))
 
 
 def _origin(setpoint: Signal, measured: float) -> float:
@@ -172,10 +185,12 @@ def _steps(run: Run, name: str, origin: float) -> list[_Event]:
     return [_Event(float(signal.time[i]), name, name, float(values[i]), float(values[i + 1])) for i in found]
 
 
-def _together(events: list[_Event], gap: float) -> list[list[_Event]]:
-    """Events in groups; within a group each comes at most ``gap`` after the one before."""
+def _together(run: Run, events: list[_Event]) -> list[list[_Event]]:
+    """Events in groups; within a group each comes soon after the one before."""
     groups: list[list[_Event]] = []
     for event in events:
+        seen = {earlier.kind for earlier in groups[-1]} if groups else set()
+        gap = TOGETHER * run.sample_time if event.kind in seen else _slack(run)
         if groups and event.time - groups[-1][-1].time <= gap:
             groups[-1].append(event)
         else:
@@ -190,7 +205,7 @@ def _start(group: list[_Event]) -> float:
 
 
 def _stretches(run: Run) -> list[_Stretch]:
-    groups = _together(_events(run), TOGETHER * run.sample_time)
+    groups = _together(run, _events(run))
     starts = [_start(group) for group in groups]
     found: list[_Stretch] = []
     phase, step = "", None

@@ -46,7 +46,12 @@ def comparison_figure(runs: Sequence[Run], names: Sequence[str]) -> Figure:
         for panel, signal in enumerate(("measurement", "control")):
             curve = _curve(run.signals[signal], name, colour, _axis(panel), run.end, held=signal == "control")
             data.append({**curve, "legendgroup": name, "showlegend": panel == 0})
-    return {"data": data, "layout": _stacked(["measurement", "control"])}
+    layout = _stacked(["measurement", "control"])
+    controls = [run.signals["control"].value for run in runs]
+    shown = [spike_free_range(control) or (control.min(), control.max()) for control in controls]
+    if any(map(spike_free_range, controls)):
+        layout["yaxis2"]["range"] = [float(min(low for low, _ in shown)), float(max(high for _, high in shown))]
+    return {"data": data, "layout": layout}
 
 
 def _axis(panel: int) -> str:
