@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -256,6 +257,21 @@ def test_a_full_disk_ends_the_recording_in_one_line_and_not_the_run(start, tmp_p
     assert len(stored(tmp_path / "bag")) == int(kept) > 0
     assert recorder.process.wait(20) == 0
     assert read_bag(tmp_path / "bag", namespace="/loop", needed=["measurement"]).metadata == {"process": "P1"}
+
+
+def test_a_folder_that_vanishes_is_told_and_the_run_goes_on(graph: Graph, tmp_path: Path) -> None:
+    told: list[str] = []
+
+    def on_failure(text: str) -> None:
+        told.append(text)
+        recorder.close()
+
+    recorder = record(graph, tmp_path / "bag", {"a": ScalarStamped}, on_failure=on_failure)
+    shutil.rmtree(tmp_path / "bag")
+    publish(graph, recorder, "a", ScalarStamped(header=Header(stamp=Time(sec=1))))
+    recorder.close()
+    assert told == [recorder.failure]
+    assert told[0].startswith("recording stopped: No such file or directory")
 
 
 def test_after_a_kill_the_bag_is_readable_up_to_the_last_flush(start, graph: Graph, tmp_path: Path) -> None:

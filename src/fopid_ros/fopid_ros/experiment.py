@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
@@ -210,7 +211,7 @@ def recorded_topics() -> dict[str, type]:
     return {
         "setpoint": ScalarStamped, "disturbance": ScalarStamped, "measurement": ScalarStamped,
         "control": ScalarStamped, "fopid_controller/state": FopidState, "fopid_tuner/result": TuningResult,
-        "experiment/phase": ExperimentPhase, "/parameter_events": ParameterEvent,
+        "experiment/phase": ExperimentPhase, "/parameter_events": ParameterEvent, "/diagnostics": DiagnosticArray,
     }  # fmt: skip
 
 

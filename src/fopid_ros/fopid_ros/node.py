@@ -30,7 +30,7 @@ from fopid_ros.parameters import Spec, check_changes, declare, values
 
 FOREVER = 1e8  # [s]
 LAST_DOMAIN = 232  # its UDP ports are the last below 65536
-LOCKSTEP_DEPTH = 1000
+LOCKSTEP_DEPTH = 10_000
 """Depth of the loop's publishers in lockstep: a recorder that falls behind loses nothing."""
 
 TIMING = Spec(

@@ -78,7 +78,7 @@ class Recorder:
         self.failure: str | None = None
         self._node = node
         self._on_failure = on_failure or node.get_logger().error
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # on_failure may call close
         profiles = {name: (qos or {}).get(name, DEFAULT_QOS) for name in topics}
         names = {name: node.resolve_topic_name(name) for name in topics}
         try:
@@ -121,7 +121,7 @@ class Recorder:
         try:
             step()
         except OSError as error:
-            free = shutil.disk_usage(self.folder).free
+            free = shutil.disk_usage(next(filter(Path.exists, (self.folder, *self.folder.absolute().parents)))).free
             self.failure = (
                 f"recording stopped: {error.strerror} at {str(self.folder)!r}, {free / 1e6:.1f} MB free; "
                 f"{sum(self._bag.counts.values())} messages are kept"

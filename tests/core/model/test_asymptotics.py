@@ -15,7 +15,12 @@ from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 
 ONE = QuasiPolynomial.constant(1.0)
 denominators = st.lists(
-    st.builds(Term, st.sampled_from([0.0, 0.4, 0.9, 1.5]), st.sampled_from([0.0, 0.5]), st.floats(-3.0, 3.0)),
+    st.builds(
+        Term,
+        st.sampled_from([0.0, 0.4, 0.9, 1.5]),
+        st.sampled_from([0.0, 0.5]),
+        st.integers(-30, 30).map(lambda n: n / 10),
+    ),
     max_size=3,
 ).map(lambda terms: QuasiPolynomial.of([Term(2.0, 0.0, 1.0), *terms]))
 

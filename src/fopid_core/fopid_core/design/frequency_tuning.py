@@ -91,10 +91,14 @@ def tune_frequency(process: Process, specification: FrequencySpecification) -> F
     best = square.best(merit)
     dense = OrderSquare(process, specification, frequency_grid(specification, DENSE))
     for _ in range(EXCHANGES):
-        if best is None or _is_as_good(dense.measure(best.gains), best):
+        if best is None:
+            break
+        truth = dense.measure(best.gains)
+        if _is_as_good(truth, best):
             break
         square = square.refined(dense.worst_frequencies(best))
-        best = square.best_near(best, merit)
+        is_admissible = truth.inadmissible[0] <= 0.0
+        best = square.best_near(best, merit) if is_admissible else square.best(merit)
     return _answer(square, best)
 
 
@@ -102,7 +106,7 @@ def _is_as_good(truth: Designs, design: Designs) -> bool:
     """Whether a design is, on a dense grid, what it was taken to be."""
     peaks = truth.ms[0] <= design.ms[0] * AS_GOOD_PEAK and truth.mt[0] <= design.mt[0] * AS_GOOD_PEAK
     bounds = truth.t_db[0] <= design.t_db[0] + AS_GOOD_DB and truth.s_db[0] <= design.s_db[0] + AS_GOOD_DB
-    return bool(peaks and bounds)
+    return bool(peaks and bounds and truth.inadmissible[0] <= 0.0)
 
 
 def _answer(square: OrderSquare, best: Designs | None) -> FrequencyDesign:

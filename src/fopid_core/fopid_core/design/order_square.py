@@ -110,9 +110,10 @@ class Designs:
 
     Attributes
     ----------
-    table : ndarray, shape (n, 10)
+    table : ndarray, shape (n, 11)
         Columns kp, ki, kd, lam, mu; the largest |T| and |S| on the bands of the bounds [dB] (-inf without a
-        bound); ms; mt; and the width of the flat phase [decades] (0 unless it is the criterion).
+        bound); ms; mt; the width of the flat phase [decades] (0 unless it is the criterion); and how far the design
+        is from being admissible [dB].
     """
 
     table: Real
@@ -152,6 +153,14 @@ class Designs:
         """Width of the flat phase [decades], shape (n,)."""
         return self.table[:, 9]
 
+    @property
+    def inadmissible(self) -> Real:
+        """How far the gain is on the wrong side of 1 beyond the crossover, or the control above its bound [dB].
+
+        Shape (n,); 0 or less for a design whose only crossover is the wished one and whose control is within its bound.
+        """
+        return self.table[:, 10]
+
     def __len__(self) -> int:
         return len(self.table)
 
@@ -175,6 +184,9 @@ class Designs:
 Merit = Callable[[Designs], Real]
 """What a search minimises over designs."""
 
+INADMISSIBLE = 1e9
+"""Merit of a design that is not admissible; more the further it is from being so, which leads to those that are."""
+
 
 class OrderSquare:
     """The designs for one process and one specification, on one grid of frequencies.
@@ -190,6 +202,7 @@ class OrderSquare:
     def __init__(self, process: Process, specification: FrequencySpecification, w: Real) -> None:
         self.process, self.specification, self.w = process, specification, w
         self.evaluations = 0
+        self._sorts_out_unstable = False
         self._wish = ControllerWish.of(process, specification.phase_margin, specification.crossover)
         self._p = process(1j * w)
         self._log_w = np.log(w)
@@ -221,38 +234,49 @@ class OrderSquare:
     def best(self, merit: Merit, enough: float = -math.inf) -> Designs | None:
         """The admissible design of lowest merit in the whole square (bounds aside), or None without any.
 
-        A design on the grid with a merit of ``enough`` or less will do. Nearly always the lowest of all is stable;
-        only when it is not, unstable ones are sorted out beforehand.
+        A design on the grid with a merit of ``enough`` or less will do.
         """
+        merit = _admissible_first(merit)
         lowest = _lowest(self._survey, merit, 1)
-        if len(lowest) and merit(lowest)[0] <= enough and stable_mask(self.process, lowest.gains)[0]:
+        if len(lowest) and merit(lowest)[0] <= enough and self._first_stable(lowest) is not None:
             return lowest
-        found = self._around(self._in_valleys(self._survey, merit), merit, STEPS)
-        if len(found) and stable_mask(self.process, found.gains[:1])[0]:
-            return found[:1]
-        found = self._around(self._in_valleys(self._stable_survey, merit), merit, STEPS)
-        return self._first_stable(found)
+        return self._lowest_stable(lambda: self._around(self._in_valleys(self._start, merit), merit, STEPS))
 
     def best_near(self, known: Designs, merit: Merit) -> Designs | None:
         """The admissible design of lowest merit near one that is known."""
-        return self._first_stable(self._around(self.measure(known.gains), merit, STEPS[NEAR:]))
+        merit = _admissible_first(merit)
+        return self._lowest_stable(lambda: self._around(self.measure(known.gains), merit, STEPS[NEAR:]))
+
+    def _lowest_stable(self, search: Callable[[], Designs]) -> Designs | None:
+        """The lowest design of a search if it is stable, as it nearly always is, else that of one among stable ones."""
+        found = search()
+        if len(found) and self._first_stable(found[:1]) is not None:
+            return found[:1]
+        self._sorts_out_unstable = True
+        found = search()
+        self._sorts_out_unstable = False
+        return self._first_stable(found)
+
+    @property
+    def _start(self) -> Designs:
+        return self._stable_survey if self._sorts_out_unstable else self._survey
 
     def _first_stable(self, designs: Designs) -> Designs | None:
-        candidates = (designs[row : row + 1] for row in range(len(designs)))
-        return next((design for design in candidates if stable_mask(self.process, design.gains)[0]), None)
+        """The first design that is admissible and stable."""
+        candidates = designs[designs.inadmissible <= 0.0]
+        rows = (candidates[row : row + 1] for row in range(len(candidates)))
+        return next((design for design in rows if stable_mask(self.process, design.gains)[0]), None)
 
     def designs(self, orders: Real) -> Designs:
-        """The designs at those rows (lam, mu) that lie in the square, with gains of one sign and one crossover."""
+        """The designs at those rows (lam, mu) that lie in the square, with gains of one sign."""
         self.evaluations += len(orders)
         lam, mu = orders[((orders > 0.0) & (orders <= 2.0)).all(axis=1)].T
         gains = self._wish.gains(lam, mu)
         gains = gains[np.isfinite(gains).all(axis=1)]
         gains = gains[has_one_sign(gains)]
-        first = first_control(gains, self.specification.sample_time)
-        gains = gains[np.abs(first) <= self.specification.u_max]
-        loop = self._loop(gains)
-        single = self._crosses_once(loop)
-        return self._measure(gains[single], loop[single])
+        if self._sorts_out_unstable and len(gains):
+            gains = gains[stable_mask(self.process, gains)]
+        return self.measure(gains)
 
     def _in_valleys(self, designs: Designs, merit: Merit) -> Designs:
         """The lowest merit near some designs: along every line of the grid, in both directions.
@@ -280,23 +304,28 @@ class OrderSquare:
         return designs
 
     def worst_frequencies(self, design: Designs) -> Real:
-        """Where one design has its largest |S| and |T|, overall and on the bands of the bounds [rad/s]."""
+        """Where one design has its largest |S| and |T|, and its |L| is nearest to crossing 1 again [rad/s]."""
         loop = self._loop(design.gains)[0]
         s_gain = 1.0 / np.abs(1.0 + loop)
         t_gain, everywhere = np.abs(loop) * s_gain, slice(None)
-        looked_at = ((everywhere, s_gain), (everywhere, t_gain), (self._t_band, t_gain), (self._s_band, s_gain))
+        below = self._up_to(0.999 * self.specification.crossover)
+        above = self._at_and_above(1.001 * self.specification.crossover)
+        looked_at = (
+            (everywhere, s_gain), (everywhere, t_gain), (self._t_band, t_gain), (self._s_band, s_gain),
+            (above, np.abs(loop)), (below, 1.0 / np.abs(loop)),
+        )  # fmt: skip
         return np.array([self.w[band][np.argmax(gain[band])] for band, gain in looked_at if len(self.w[band])])
 
     def measure(self, gains: Real) -> Designs:
         """What decides between the controllers with these rows (kp, ki, kd, lam, mu)."""
-        return self._measure(gains, self._loop(gains))
-
-    def _measure(self, gains: Real, loop: Complex) -> Designs:
+        loop = self._loop(gains)
+        power = _power(loop)
         s_power = 1.0 / _power(1.0 + loop)
-        t_power = _power(loop) * s_power
+        t_power = power * s_power
         t_db, s_db = _worst_db(t_power[:, self._t_band]), _worst_db(s_power[:, self._s_band])
-        ms, mt = (np.sqrt(power.max(axis=1, initial=1.0)) for power in (s_power, t_power))
-        return Designs(np.column_stack([gains, t_db, s_db, ms, mt, self._flatness(loop)]))
+        ms, mt = (np.sqrt(values.max(axis=1, initial=1.0)) for values in (s_power, t_power))
+        beyond = np.maximum(self._beyond_crossover(power), self._beyond_control(gains))
+        return Designs(np.column_stack([gains, t_db, s_db, ms, mt, self._flatness(loop), beyond]))
 
     def _loop(self, gains: Real) -> Complex:
         """L(j w), shape (n, frequencies)."""
@@ -305,11 +334,18 @@ class OrderSquare:
         derivative = kd * np.exp(0.5j * np.pi * mu) * np.exp(mu * self._log_w)
         return np.asarray(self._p * (kp + integral + derivative))
 
-    def _crosses_once(self, loop: Complex) -> NDArray[np.bool_]:
+    def _beyond_crossover(self, power: Real) -> Real:
+        """By how much |L| is above 1 after the crossover, or below 1 before it [dB]; negative where it is not."""
         below = self._up_to(0.999 * self.specification.crossover)
         above = self._at_and_above(1.001 * self.specification.crossover)
-        power = _power(loop)
-        return np.asarray((power[:, below] > 1.0).all(axis=1) & (power[:, above] < 1.0).all(axis=1))
+        return np.maximum(_worst_db(power[:, above]), _worst_db(1.0 / power[:, below]))
+
+    def _beyond_control(self, gains: Real) -> Real:
+        """By how much the control right after a setpoint step is above its bound [dB]; negative where it is not."""
+        if math.isinf(self.specification.u_max):
+            return np.full(len(gains), -np.inf)
+        first = np.abs(first_control(gains, self.specification.sample_time))
+        return np.asarray(20.0 * np.log10(first / self.specification.u_max))
 
     def _flatness(self, loop: Complex) -> Real:
         """Decades around the crossover in which the phase stays within FLAT of the wished one."""
@@ -334,7 +370,8 @@ def frequency_grid(specification: FrequencySpecification, per_decade: int = POIN
     low, middle, high = (math.log10(w) for w in (min(named), specification.crossover, max(named)))
     far = np.arange(low - 3.0, high + 3.0, 5.0 / per_decade)
     near = np.arange(middle - 1.3, middle + 1.3, 1.0 / per_decade)
-    return np.union1d(10.0 ** np.concatenate([far, near]), named)
+    beside = specification.crossover * np.array([0.9, 0.97, 0.99, 1.01, 1.03, 1.1])  # where it may cross again at once
+    return np.union1d(10.0 ** np.concatenate([far, near]), [*named, *beside])
 
 
 def _power(values: Complex) -> Real:
@@ -358,6 +395,13 @@ def _reach(off: Real, decades: Real) -> Real:
 
 def _lowest(designs: Designs, merit: Merit, most: int) -> Designs:
     return designs[np.argsort(merit(designs), kind="stable")[:most]]
+
+
+def _admissible_first(merit: Merit) -> Merit:
+    def ranked(designs: Designs) -> Real:
+        return np.where(designs.inadmissible > 0.0, INADMISSIBLE + designs.inadmissible, merit(designs))
+
+    return ranked
 
 
 def _best_of_each(designs: Designs, merit: Merit, kept: int) -> Designs:

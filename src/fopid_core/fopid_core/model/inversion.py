@@ -54,7 +54,7 @@ class Signals:
     rate: float
     growth: float = 0.0
     echoes: bool = False
-    most_points: int = 1 << 20
+    most_points: int = 1 << 19
 
 
 @dataclass(frozen=True)

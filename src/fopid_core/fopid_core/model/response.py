@@ -24,7 +24,7 @@ from fopid_core.model.stability import stability
 Source = Literal["setpoint", "load"]
 
 _LARGEST_EXPONENT = 600.0  # exp(700) overflows
-_MOST_WORK, _FEWEST_AT_MOST = 1 << 24, 1 << 17  # points times sudden terms, and points whatever these
+_MOST_POINTS, _MOST_WORK = 1 << 19, 1 << 24  # in one window: points, and points times sudden terms
 _HIGHEST_POWER = 6.0  # once the sudden part is out, the transforms fall faster than s**-6
 
 
@@ -99,9 +99,9 @@ def step_response(loop: Loop, horizon: float, source: Source = "setpoint", point
     def sizes(time: Floats) -> Floats:
         return np.abs(np.stack([part.signal(time) for part in sudden]))
 
-    points_at_most = max(_MOST_WORK // (1 + sum(part.powers.size for part in sudden)), _FEWEST_AT_MOST)
+    most_points = _MOST_WORK // (_MOST_WORK // _MOST_POINTS + sum(part.powers.size for part in sudden))
     echoes = any(t.delay for t in loop.characteristic.terms)
-    pieces = invert(Signals(remainders, sizes, rate, _growth(loop, horizon), echoes, points_at_most), horizon)
+    pieces = invert(Signals(remainders, sizes, rate, _growth(loop, horizon), echoes, most_points), horizon)
     if points is None:
         time, smooth = np.concatenate([p.time for p in pieces]), np.concatenate([p.values for p in pieces], axis=1)
     else:

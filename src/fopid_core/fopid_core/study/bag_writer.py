@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -140,4 +141,8 @@ class BagWriter:
         """End the bag at its last whole chunk."""
         # The buffer still holds what could not be written; without the file beneath it is thrown away.
         self._file.raw.close()
-        self.counts.update(dict.fromkeys(self.counts, 0) | dict(repair(self.folder).counts))
+        kept: Mapping[str, int] = {}
+        # Where nothing at all can be written the bag stays without index, for a later repair.
+        with suppress(InputError, OSError):
+            kept = repair(self.folder).counts
+        self.counts.update({topic: kept.get(topic, 0) for topic in self.counts})
