@@ -9,7 +9,7 @@ import pytest
 
 from fopid_core.data import paper_tables
 from fopid_core.design.equation_solvers import optimise_constrained, solve_equations
-from fopid_core.design.order_square import exact_gains
+from fopid_core.design.exact_gains import exact_gains
 from fopid_core.design.specification import Bound, FrequencySpecification
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
@@ -50,15 +50,16 @@ def test_constrained_optimisation_meets_constraints_that_can_be_met() -> None:
 
 
 @pytest.mark.parametrize("row", paper_tables()["table3"], ids=lambda row: row["process"])
-def test_the_papers_specifications_have_no_exact_solution(row: dict[str, float | str]) -> None:
-    """On the paper's own NIOPTD-II models: the solver ends where at least one equation is off, and says which."""
+def test_the_papers_specifications_have_no_exact_solution_in_its_box(row: dict[str, float | str]) -> None:
+    """On the paper's own NIOPTD-II models: an equation stays off, and it is said which, or a gain is negative."""
     models = {m["process"]: m["paper_model"] for m in paper_tables()["table1_table2"] if m["template"] == "NIOPTD-II"}
     process = TEMPLATES["nioptd2"].process(models[str(row["process"])])
     specification = FrequencySpecification(
         math.radians(float(row["phase_margin_deg"])), float(row["crossover"]), Bound(-40.0, 10.0), Bound(-40.0, 0.01)
     )
     design = solve_equations(process, specification)
-    assert design.unmet
+    in_the_box = design.controller is not None and min(design.controller.gains[:3]) > 0.0
+    assert design.unmet or not in_the_box
     assert all("off" in text or "allowed" in text for text in design.unmet)
 
 

@@ -129,7 +129,7 @@ def test_each_criterion_wins_by_its_own_measure(criterion: str) -> None:
         w = np.geomspace(0.005, 50.0, 20001)
         loop = Loop(process, controller)(1j * w)
         off = np.abs(np.angle(-loop * np.exp(-1.1j))) > math.radians(5.0)
-        return math.log10(w[off & (w > 0.5)].min() / w[off & (w < 0.5)].max())
+        return math.log10(w[off & (w > 0.5)].min(initial=50.0) / w[off & (w < 0.5)].max(initial=0.005))
 
     score = {
         "peaks": lambda design: max(design.ms, design.mt),

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fopid_core.design.order_square import OrderSquare, exact_gains, frequency_grid, has_one_sign
+from fopid_core.design.exact_gains import exact_gains, has_one_sign
+from fopid_core.design.order_square import OrderSquare, frequency_grid
 from fopid_core.design.specification import Bound, FrequencySpecification
 from fopid_core.errors import InputError
 from fopid_core.model.process import Process, read_process

@@ -155,7 +155,7 @@ def default_horizon(loop: Loop) -> float:
     if math.isfinite(loop.process.steady_state_gain):
         own = _first(w, np.abs(loop.process(1j * w) / loop.process.steady_state_gain - 1.0) > _MOVED)
     else:
-        own = _first(w, np.abs(loop(1j * w)) < 1.0)
+        own = _first(w, np.abs(loop(1j * w)) < 1.0 / _SETTLED)
     slow = min(max(slow, own / _LONGEST), own)
     wished = _SLOW_TIMES / slow + _DELAYS * loop.process.delay
     decade = 10.0 ** math.floor(math.log10(wished))

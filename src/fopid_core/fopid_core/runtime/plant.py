@@ -98,11 +98,11 @@ def state_space(numerator: Matrix, denominator: Matrix) -> StateSpace:
     d = float(num[0])
     a = np.vstack([-den, np.eye(order)[: order - 1]]) if order else np.zeros((0, 0))
     b = np.eye(order)[:, 0] if order else np.zeros(0)
-    c = num[1:] - d * den
-    if order:
-        a, scaling = matrix_balance(a, permute=False)
-        b, c = np.linalg.solve(scaling, b), c @ scaling
-    return StateSpace(a, b, c, d)
+    c: Matrix = num[1:] - d * den
+    if not order:
+        return StateSpace(a, b, c, d)
+    balanced, scaling = matrix_balance(a, permute=False)
+    return StateSpace(balanced, np.linalg.solve(scaling, b), c @ scaling, d)
 
 
 def pade_delay(delay: float, order: int) -> StateSpace:
