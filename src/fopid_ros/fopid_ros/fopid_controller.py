@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -184,7 +185,7 @@ class ControllerNode(ManagedNode):
             )
             return False
         self._inputs[name] = value
-        self._arrived[name] = self._steady.now().nanoseconds
+        self._arrived[name] = time.monotonic_ns()
         return True
 
     # Lockstep: each measurement is answered by one control with the same stamp.
@@ -211,7 +212,7 @@ class ControllerNode(ManagedNode):
     # Realtime: the timer ticks.
 
     def _tick_on_timer(self) -> None:
-        now = self._steady.now().nanoseconds
+        now = time.monotonic_ns()
         if self._last_tick_ns is not None:
             elapsed = now - self._last_tick_ns
             self._interval = elapsed * 1e-9

@@ -30,7 +30,7 @@ from fopid_ros.parameters import Spec, check_changes, declare, values
 
 FOREVER = 1e8  # [s]
 LAST_DOMAIN = 232  # its UDP ports are the last below 65536
-LOCKSTEP_DEPTH = 10_000
+LOCKSTEP_DEPTH = 1000
 """Depth of the loop's publishers in lockstep: a recorder that falls behind loses nothing."""
 
 TIMING = Spec(
@@ -56,9 +56,9 @@ def latched_qos(depth: int = 1) -> QoSProfile:
 
 def take_waiting(subscription: Subscription) -> None:
     """Deliver the messages that have arrived but whose callback has not run yet."""
-    with subscription.handle:
-        while (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is not None:
-            subscription.callback(taken[0])
+    take = subscription.handle.take_message
+    while (taken := take(subscription.msg_type, False)) is not None:
+        subscription.callback(taken[0])
 
 
 class ManagedNode(LifecycleNode):

@@ -156,6 +156,11 @@ def test_a_loop_gain_above_one_at_infinity_tolerates_no_delay() -> None:
     assert margins(loop_of("(2s+1)/(s+1)", (0.3,))).delay_margin == math.inf
 
 
+def test_a_pole_at_the_origin_that_no_term_shows_makes_the_peaks_infinite() -> None:
+    found = margins(loop_of("1/(1-exp(-s)+s^2)", (0.0, 0.0, 0.1)))  # the denominator vanishes at s = 0 by cancellation
+    assert found.ms == math.inf
+
+
 def test_a_neutral_loop_has_the_sensitivity_peak_of_its_gain_at_infinity() -> None:
     found = margins(Loop(Process.parse("1/(s+1)*exp(-1s)"), Fopid(0.3, 0.5, 0.5, 0.9, 1.0)))
     assert found.ms == pytest.approx(1.0 / (1.0 - 0.5))

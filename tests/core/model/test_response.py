@@ -210,6 +210,25 @@ def test_an_index_does_not_depend_on_the_number_of_points_asked_for() -> None:
     assert indices(chosen.time, chosen.error).ise == pytest.approx(indices(even.time, even.error).ise, rel=1e-3)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_loop_that_rings_fast_on_a_long_horizon_is_exact_from_its_first_instants() -> None:
+    # de Hoog's method needs degree 120 and 130 digits to see 205 rad/s for so long
+    kp, ki, kd, lam, mu = (mp.mpf(g) for g in (28.9897, 32.6211, 22.3986, 0.333, 1.6265))
+    response = step_response(Loop(read_process("P4"), Fopid(*map(float, (kp, ki, kd, lam, mu)))), 50.0)
+    with mp.workdps(130):
+
+        def transform(s: mp.mpf) -> mp.mpf:
+            forward = kp + ki * s**-lam + kd * s**mu
+            lags = (s + 1) * (s / 5 + 1) * (s / 25 + 1) * (s / 125 + 1)
+            return forward / (lags + forward) / s
+
+        for time in (0.002, 0.011, 0.02, 0.05, 0.2, 1.0, 10.0, 50.0):
+            i = int(np.argmin(np.abs(response.time - time)))
+            exact = mp.invertlaplace(transform, mp.mpf(float(response.time[i])), method="dehoog", degree=120)
+            assert response.output[i] == pytest.approx(float(exact), abs=WANTED)
+
+
 def test_jumps_are_shown_after_the_jump_and_do_not_ring() -> None:
     # L = 0.5 s exp(-s) / (s + 1) jumps to 0.5 at t = 1, and its echoes by powers of 0.5 at every further second
     loop = Loop(Process.parse("1/(s+1)*exp(-1s)"), Fopid(0.0, 0.0, 0.5))
@@ -276,6 +295,12 @@ def test_without_a_number_of_points_the_times_rise_from_zero_to_the_horizon() ->
 def test_bad_arguments_are_refused(arguments: dict[str, object], reason: str) -> None:
     with pytest.raises(InputError, match=reason):
         step_response(Loop(read_process("P1"), Fopid(1.0)), **arguments)  # type: ignore[arg-type]
+
+
+def test_a_horizon_on_which_nothing_arrives_is_refused() -> None:
+    loop = Loop(Process.parse("1/(s+1)*exp(-5s)"), Fopid(1.0))
+    with pytest.raises(InputError, match=r"horizon = 4.0; allowed: longer than the process's delay of 5 s"):
+        step_response(loop, 4.0)
 
 
 def test_a_loop_without_a_response_is_refused_with_the_reason() -> None:

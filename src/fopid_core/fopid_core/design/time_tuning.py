@@ -38,7 +38,7 @@ RIGHT_MS, DENSE = 1e-4, 160
 """Relative error of ms from which on the frequencies are too few, and how many a band has then."""
 ROUGH, ROUGH_POINTS = 5, 16
 """Frequencies in a band, and time steps, where it is only to be seen which gains are about right."""
-MOST_POINTS = 1 << 15
+MOST_POINTS = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ def _best(descents: list[Descent]) -> str:
 
 
 def drawn_starts(problem: TimeProblem, seed: int) -> Real:
-    """Stable controllers that lie about on the bounds, shape (n, 5), n at most SHAPES."""
+    """Stable controllers that lie about on the bounds, shape (n, 5)."""
     drawn = _on_the_bounds(problem, _shapes(problem, seed))
     stable: Real = drawn[stable_mask(problem.process, drawn)]
     return stable
@@ -226,7 +226,11 @@ def _shapes(problem: TimeProblem, seed: int) -> Real:
 
 
 def _on_the_bounds(problem: TimeProblem, shapes: Real) -> Real:
-    """Each shape with the largest of many gains at which no bound is broken, else with the least broken."""
+    """Each shape with the largest gain at which no bound is broken, or with the least broken.
+
+    Largest means up from small gains, which a stable process tolerates, and, where that is another one, of all: the
+    bounds know nothing of stability, and a loop of far too much gain may keep them as well.
+    """
     factors = np.geomspace(1e-2, 1e2, 25)
     tried = np.repeat(shapes[:, None], len(factors), axis=1)
     tried[:, :, :3] *= factors[:, None]
@@ -235,4 +239,8 @@ def _on_the_bounds(problem: TimeProblem, shapes: Real) -> Real:
     worst = rough.slack(tried.reshape(-1, 5)).min(axis=1).reshape(len(shapes), -1)
     fits = worst >= 0.0
     largest = fits.shape[1] - 1 - fits[:, ::-1].argmax(axis=1)
-    return np.asarray(tried[np.arange(len(shapes)), np.where(fits.any(axis=1), largest, worst.argmax(axis=1))])
+    largest = np.where(fits.any(axis=1), largest, worst.argmax(axis=1))
+    upwards = np.where(fits.all(axis=1), largest, (~fits).argmax(axis=1) - 1)
+    every = np.arange(len(shapes))
+    other = np.flatnonzero((upwards >= 0) & (upwards != largest))
+    return np.concatenate([tried[every, largest], tried[other, upwards[other]]])

@@ -127,6 +127,45 @@ class _Division:
 
 
 @dataclass(frozen=True)
+class Ladder:
+    """Sum over j of ``coefficients[j] (s + b)**-(power + j) exp(-delay s)``: powers one apart, evaluated together."""
+
+    delay: float
+    power: float
+    coefficients: Floats
+
+    def transform(self, sigma: Complexes, log_sigma: Complexes) -> Complexes:
+        """Its value but for the delay, where ``sigma`` = s + b."""
+        value: Complexes = np.exp(-self.power * log_sigma) * np.polyval(self.coefficients[::-1], 1.0 / sigma)
+        return value
+
+    def signal(self, elapsed: Floats) -> Floats:
+        """Its signal but for the decay, at times above 0 since the delay."""
+        from scipy.special import rgamma
+
+        polynomial = self.coefficients * rgamma(self.power + np.arange(self.coefficients.size))
+        value: Floats = elapsed ** (self.power - 1.0) * np.polyval(polynomial[::-1], elapsed)
+        return value
+
+    def singularity(self) -> tuple[float, float]:
+        """Its strongest power below 1 and that one's sign in time (1 and 0 when it has none)."""
+        from scipy.special import rgamma
+
+        powers = self.power + np.arange(self.coefficients.size)
+        strong = np.flatnonzero((powers < 1.0) & (self.coefficients != 0.0) & (rgamma(powers) != 0.0))
+        if strong.size == 0:
+            return 1.0, 0.0
+        first = int(strong[0])
+        return float(powers[first]), float(np.sign(self.coefficients[first] * rgamma(powers[first])))
+
+    def jump(self) -> float:
+        """The coefficient of the power 1."""
+        step = 1.0 - self.power
+        whole = step.is_integer() and 0 <= step < self.coefficients.size
+        return float(self.coefficients[int(step)]) if whole else 0.0
+
+
+@dataclass(frozen=True)
 class SingularPart:
     """A sum of ``c (s + b)**-v exp(-d s)`` and the signal it stands for.
 
@@ -134,62 +173,57 @@ class SingularPart:
     ----------
     rate : float
         b [1/s].
-    coefficients, powers, delays : ndarray, shape (m,)
-        c, v and d [s]; powers ascending.
+    ladders : tuple of Ladder
+        The terms, those with powers one apart together.
     """
 
     rate: float
-    coefficients: Floats
-    powers: Floats
-    delays: Floats
+    ladders: tuple[Ladder, ...]
 
     @staticmethod
     def of(expansion: QuasiPolynomial, rate: float, highest_power: float) -> SingularPart:
         """The same powers of s written in ``s + rate``, up to ``(s + rate)**-highest_power``."""
-        merged: dict[tuple[float, float], float] = {}
+        rungs: dict[tuple[float, float], dict[int, float]] = {}
         for term in expansion.terms:
             power, coefficient = -term.order, term.coefficient
+            fraction = round(power - math.floor(power), _DIGITS) % 1.0
+            own = rungs.setdefault((term.delay, fraction), {})
             for j in range(int(highest_power - power) + 1):
-                key = (round(power + j, _DIGITS), term.delay)
-                merged[key] = merged.get(key, 0.0) + coefficient
+                rung = round(power - fraction) + j
+                own[rung] = own.get(rung, 0.0) + coefficient
                 coefficient *= (power + j) * rate / (j + 1)
-        rows = sorted((p, d, c) for (p, d), c in merged.items() if c)
-        powers, delays, coefficients = np.array(rows).reshape(-1, 3).T
-        return SingularPart(rate, coefficients, powers, delays)
+        ladders = []
+        for (delay, fraction), own in rungs.items():
+            lowest = min(own)
+            coefficients = np.array([own.get(rung, 0.0) for rung in range(lowest, max(own) + 1)])
+            ladders.append(Ladder(delay, lowest + fraction, coefficients))
+        return SingularPart(rate, tuple(ladders))
 
     def transform(self, s: Complexes) -> Complexes:
         """Its value at every element of ``s``."""
-        log_sigma = np.log(s + self.rate)
+        sigma = s + self.rate
+        log_sigma = np.log(sigma)
         total = np.zeros_like(s)
-        for c, power, delay in zip(self.coefficients, self.powers, self.delays, strict=True):
-            total += c * np.exp(-power * log_sigma - delay * s)
+        for delay in {ladder.delay for ladder in self.ladders}:
+            own = sum(ladder.transform(sigma, log_sigma) for ladder in self.ladders if ladder.delay == delay)
+            total += own * np.exp(-delay * s) if delay else own
         return total
 
     def signal(self, time: Floats) -> Floats:
         """Its value for t > 0; at 0 and at the delays, to rounding, the limit from the right."""
         total = np.zeros_like(time)
-        for delay in np.unique(self.delays):
-            own = self.delays == delay
+        for delay in {ladder.delay for ladder in self.ladders}:
+            own = [ladder for ladder in self.ladders if ladder.delay == delay]
             elapsed = time - delay
             after, at = elapsed > _ROUNDING * delay, np.abs(elapsed) <= _ROUNDING * delay
-            for c, power in zip(self.coefficients[own], self.powers[own], strict=True):
-                total[after] += c * _power_law(elapsed[after], power) * np.exp(-self.rate * elapsed[after])
-            total[at] += _right_limit(self.coefficients[own], self.powers[own])
+            since = elapsed[after]
+            total[after] += np.exp(-self.rate * since) * sum(ladder.signal(since) for ladder in own)
+            if at.any():
+                total[at] += _right_limit(own)
         return total
 
 
-def _power_law(elapsed: Floats, power: float) -> Floats:
-    from scipy.special import rgamma
-
-    values: Floats = elapsed ** (power - 1.0) * rgamma(power)
-    return values
-
-
-def _right_limit(coefficients: Floats, powers: Floats) -> float:
-    """The limit at t -> 0+ of terms in ascending powers: the strongest singularity decides."""
-    from scipy.special import rgamma
-
-    for c, power in zip(coefficients, powers, strict=True):
-        if power < 1.0 and rgamma(power) != 0.0:
-            return math.copysign(math.inf, c * rgamma(power))
-    return float(coefficients[powers == 1.0].sum())
+def _right_limit(ladders: list[Ladder]) -> float:
+    """The limit of their sum at its delay: the strongest singularity decides."""
+    power, sign = min(ladder.singularity() for ladder in ladders)
+    return sign * math.inf if power < 1.0 else sum(ladder.jump() for ladder in ladders)

@@ -15,7 +15,7 @@ from fopid_core.errors import InputError
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.loop import Loop
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
-from fopid_core.model.response import Response, Source
+from fopid_core.model.response import Response, Source, check_horizon
 
 _MOST_SAMPLES = 1 << 21
 _ALIASING = 1e-9  # what of one turn of the circle leaks into the samples
@@ -52,7 +52,7 @@ def gl1_response(loop: Loop, horizon: float, step: float, source: Source = "setp
     >>> response.output.round(6).tolist()  # y (1/h + 2) = 1 + (the last y) / h
     [0.0, 0.25, 0.375]
     """
-    _check(horizon, step)
+    _check(loop, horizon, step)
     count = round(horizon / step)
     size = 2 ** math.ceil(math.log2(2 * (count + 1)))
     radius = _ALIASING ** (1.0 / size)
@@ -75,9 +75,8 @@ def gl1_response(loop: Loop, horizon: float, step: float, source: Source = "setp
     )
 
 
-def _check(horizon: float, step: float) -> None:
-    if not (math.isfinite(horizon) and horizon > 0.0):
-        raise InputError(f"horizon = {horizon}; allowed: a positive number of seconds")
+def _check(loop: Loop, horizon: float, step: float) -> None:
+    check_horizon(loop, horizon)
     if not (math.isfinite(step) and 0.0 < step <= horizon / 2.0):
         raise InputError(f"step = {step}; allowed: above 0 and at most half the horizon of {horizon:g} s")
     if horizon / step > _MOST_SAMPLES:

@@ -207,7 +207,8 @@ def _peak(curve: Curve, z: Floats, limits: tuple[float, float]) -> tuple[float, 
 def _limits(numerator: QuasiPolynomial, denominator: QuasiPolynomial) -> tuple[float, float]:
     """Abs(numerator / denominator) at s = 0 and at s = infinity, there the largest that the delays let it be."""
     low_n, low_d = numerator.lowest_order, denominator.lowest_order
-    zero = abs(numerator.sum_of_order(low_n) / denominator.sum_of_order(low_d)) * _power_at_zero(low_n - low_d)
+    bottom = denominator.sum_of_order(low_d)
+    zero = abs(numerator.sum_of_order(low_n) / bottom) * _power_at_zero(low_n - low_d) if bottom else math.inf
     lead = leading_term(denominator)
     level = [abs(t.coefficient) for t in denominator.terms if t.order == lead.order and t != lead]
     room = abs(lead.coefficient) - sum(level)

@@ -88,34 +88,29 @@ def step_response(loop: Loop, horizon: float, source: Source = "setpoint", point
     0.43233
     """
     _check(loop, horizon, source, points)
-    rate = max(fast_rate(loop.characteristic), 1.0 / horizon)
-    numerators, denominator = _numerators(loop, source), loop.characteristic.shifted(1.0)
-    sudden = [_sudden_part(numerator, denominator, horizon, rate) for numerator in numerators]
-
-    def remainders(s: Complexes) -> Complexes:
-        common = 1.0 / denominator(s)
-        return np.stack([n(s) * common - part.transform(s) for n, part in zip(numerators, sudden, strict=True)])
-
-    def sizes(time: Floats) -> Floats:
-        return np.abs(np.stack([part.signal(time) for part in sudden]))
-
-    most_points = _MOST_WORK // (_MOST_WORK // _MOST_POINTS + sum(part.powers.size for part in sudden))
-    echoes = any(t.delay for t in loop.characteristic.terms)
-    pieces = invert(Signals(remainders, sizes, rate, _growth(loop, horizon), echoes, most_points), horizon)
+    transforms = _Transforms.of(loop, source, horizon)
+    pieces = invert(transforms.remainders(_growth(loop, horizon)), horizon)
     if points is None:
         time, smooth = np.concatenate([p.time for p in pieces]), np.concatenate([p.values for p in pieces], axis=1)
     else:
         time = np.linspace(0.0, horizon, points)
         smooth = values_at(pieces, time)
-    output, control = (rest + part.signal(time) for rest, part in zip(smooth, sudden, strict=True))
+    output, control = smooth + transforms.sudden_signals(time)
     error = (1.0 if source == "setpoint" else 0.0) - output
     accuracy, control_accuracy = np.max([p.accuracy for p in pieces], axis=0).tolist()
-    return Response(time, output, control, error, accuracy, control_accuracy, _impulse(numerators[1], denominator))
+    return Response(time, output, control, error, accuracy, control_accuracy, transforms.control_impulse)
+
+
+def check_horizon(loop: Loop, horizon: float) -> None:
+    """Refuse a horizon [s] on which there is nothing to see."""
+    if not (math.isfinite(horizon) and horizon > 0.0):
+        raise InputError(f"horizon = {horizon}; allowed: a positive number of seconds")
+    if horizon <= loop.process.delay:
+        raise InputError(f"horizon = {horizon}; allowed: longer than the process's delay of {loop.process.delay:g} s")
 
 
 def _check(loop: Loop, horizon: float, source: str, points: int | None) -> None:
-    if not (math.isfinite(horizon) and horizon > 0.0):
-        raise InputError(f"horizon = {horizon}; allowed: a positive number of seconds")
+    check_horizon(loop, horizon)
     if source not in ("setpoint", "load"):
         raise InputError(f"source = {source!r}; allowed: setpoint, load")
     if points is not None and points < 2:
@@ -127,11 +122,54 @@ def _check(loop: Loop, horizon: float, source: str, points: int | None) -> None:
         )
 
 
-def _numerators(loop: Loop, source: Source) -> tuple[QuasiPolynomial, QuasiPolynomial]:
-    """Output and control over the characteristic quasi-polynomial."""
-    if source == "setpoint":
-        return loop.forward, loop.controller.numerator * loop.process.denominator
-    return loop.process.numerator.shifted(loop.controller.integral_order), -loop.forward
+@dataclass(frozen=True)
+class _Transforms:
+    """Output and control as transforms over one denominator, and their sudden parts."""
+
+    numerators: tuple[QuasiPolynomial, QuasiPolynomial]
+    denominator: QuasiPolynomial
+    sudden: tuple[SingularPart, ...]
+    rate: float
+
+    @staticmethod
+    def of(loop: Loop, source: Source, horizon: float) -> _Transforms:
+        if source == "setpoint":
+            numerators = loop.forward, loop.controller.numerator * loop.process.denominator
+        else:
+            numerators = loop.process.numerator.shifted(loop.controller.integral_order), -loop.forward
+        denominator = loop.characteristic.shifted(1.0)
+        rate = max(fast_rate(loop.characteristic), 1.0 / horizon)
+        sudden = tuple(_sudden_part(numerator, denominator, horizon, rate) for numerator in numerators)
+        return _Transforms(numerators, denominator, sudden, rate)
+
+    def remainders(self, growth: float) -> Signals:
+        """What the sudden parts leave."""
+        echoes = any(t.delay for t in self.denominator.terms)
+        most_points = _MOST_WORK // (_MOST_WORK // _MOST_POINTS + sum(len(part.ladders) for part in self.sudden))
+        return Signals(
+            self._smooth, lambda time: np.abs(self.sudden_signals(time)), self.rate, growth, echoes, most_points
+        )
+
+    def _smooth(self, s: Complexes) -> Complexes:
+        common = 1.0 / self.denominator(s)
+        pairs = zip(self.numerators, self.sudden, strict=True)
+        return np.stack([numerator(s) * common - part.transform(s) for numerator, part in pairs])
+
+    def sudden_signals(self, time: Floats) -> Floats:
+        """The sudden parts in time, shape (2, n)."""
+        return np.stack([part.signal(time) for part in self.sudden])
+
+    @property
+    def control_impulse(self) -> float:
+        """Weight of the impulse at t = 0; infinite when something stronger than an impulse stands there."""
+        numerator = self.numerators[1]
+        if numerator.is_zero:
+            return 0.0
+        over, under = leading_term(numerator), leading_term(self.denominator)
+        weight = over.coefficient / under.coefficient
+        if over.delay > 0.0 or over.order < under.order:
+            return 0.0
+        return weight if over.order == under.order else math.copysign(math.inf, weight)
 
 
 def _growth(loop: Loop, horizon: float) -> float:
@@ -153,14 +191,3 @@ def _sudden_part(numerator: QuasiPolynomial, denominator: QuasiPolynomial, horiz
         return SingularPart.of(QuasiPolynomial(()), rate, _HIGHEST_POWER)
     expansion = expansion_at_infinity(numerator, denominator, -_HIGHEST_POWER, horizon, rate)
     return SingularPart.of(expansion, rate, _HIGHEST_POWER)
-
-
-def _impulse(numerator: QuasiPolynomial, denominator: QuasiPolynomial) -> float:
-    """Weight of the impulse at t = 0; infinite when something stronger than an impulse stands there."""
-    if numerator.is_zero:
-        return 0.0
-    over, under = leading_term(numerator), leading_term(denominator)
-    weight = over.coefficient / under.coefficient
-    if over.delay > 0.0 or over.order < under.order:
-        return 0.0
-    return weight if over.order == under.order else math.copysign(math.inf, weight)

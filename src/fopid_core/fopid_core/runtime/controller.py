@@ -204,9 +204,10 @@ class FopidController:
             self._structure = structure
         self._settings = settings
         self._gains = gains = settings.gains
-        self._integral_reading = integral_reading(settings.active_band, gains.lam)
-        self._derivative_reading = derivative_reading(settings.active_band, gains.mu)
-        after_one_tick = self._integral_bank.after_one_tick(self._integral_reading)
+        integral = integral_reading(settings.active_band, gains.lam)
+        self._integral_reading = self._integral_bank.bound(integral)
+        self._derivative_reading = self._derivative_bank.bound(derivative_reading(settings.active_band, gains.mu))
+        after_one_tick = self._integral_bank.after_one_tick(integral)
         self._tracking_gain = _tracking_gain(settings, after_one_tick)
 
     def _take(self, setpoint: float, measurement: float) -> None:

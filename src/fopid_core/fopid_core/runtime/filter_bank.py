@@ -8,7 +8,7 @@ therefore keeps its memory when the orders change: new numbers change how it is 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -156,43 +156,47 @@ class FilterBank:
         hold = -np.expm1(-ph) / p  # response to a unit step after one sample
         self._sample_time = sample_time
         self._decay = np.exp(-ph)
+        # The lags x obey x_k = decay x_(k-1) + (hold - from_new) v_(k-1) + from_new v_k. What is kept is
+        # z_k = x_k - from_new v_k, which one multiplication and one addition carry on.
         self._from_new = _ramp_share(ph) * sample_time
-        self._from_old = hold - self._from_new
-        self._lags = np.zeros_like(p)
+        self._from_last = hold - self._from_new + self._decay * self._from_new
+        self._hold = hold
+        self._kept = np.zeros_like(p)
         self._scratch = np.zeros_like(p)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything: the input has always been zero."""
-        self._lags[:] = 0.0
+        self._kept[:] = 0.0
         self._integral = self._value = self._slope = self._curvature = 0.0
 
     def push(self, value: float) -> None:
         """Take the input's next sample."""
-        self._lags *= self._decay
-        np.multiply(self._from_old, self._value, out=self._scratch)
-        self._lags += self._scratch
-        np.multiply(self._from_new, value, out=self._scratch)
-        self._lags += self._scratch
+        self._kept *= self._decay
+        np.multiply(self._from_last, self._value, out=self._scratch)
+        self._kept += self._scratch
         self._integral += 0.5 * self._sample_time * (self._value + value)
         slope = (value - self._value) / self._sample_time
         self._curvature = (slope - self._slope) / self._sample_time
         self._slope, self._value = slope, value
 
-    def after_one_tick(self, reading: Reading) -> float:
-        """What the operator's output is one sample time after a unit step (integrals only)."""
-        held = self._from_new + self._from_old
-        return reading.integrator * self._sample_time + float(reading.lags @ held) + reading.direct
+    def bound(self, reading: Reading) -> Reading:
+        """The reading for what this bank keeps; what ``read`` takes."""
+        return replace(reading, direct=reading.direct + float(reading.lags @ self._from_new))
 
-    def read(self, reading: Reading) -> float:
+    def read(self, bound: Reading) -> float:
         """The operator's output now."""
         return (
-            reading.integrator * self._integral
-            + float(reading.lags @ self._lags)
-            + reading.direct * self._value
-            + reading.slope * self._slope
-            + reading.curvature * self._curvature
+            bound.integrator * self._integral
+            + float(bound.lags.dot(self._kept))
+            + bound.direct * self._value
+            + bound.slope * self._slope
+            + bound.curvature * self._curvature
         )
+
+    def after_one_tick(self, reading: Reading) -> float:
+        """What an integral's output is one sample time after a unit step."""
+        return reading.integrator * self._sample_time + float(reading.lags @ self._hold) + reading.direct
 
 
 def _ramp_share(ph: Vector) -> Vector:

@@ -101,8 +101,9 @@ def state_space(numerator: Matrix, denominator: Matrix) -> StateSpace:
     c: Matrix = num[1:] - d * den
     if not order:
         return StateSpace(a, b, c, d)
-    balanced, scaling = matrix_balance(a, permute=False)
-    return StateSpace(balanced, np.linalg.solve(scaling, b), c @ scaling, d)
+    a, scaling = (np.asarray(matrix, dtype=np.float64) for matrix in matrix_balance(a, permute=False))
+    b = np.asarray(np.linalg.solve(scaling, b), dtype=np.float64)
+    return StateSpace(a, b, c @ scaling, d)
 
 
 def pade_delay(delay: float, order: int) -> StateSpace:

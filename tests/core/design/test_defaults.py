@@ -1,0 +1,50 @@
+"""What is left open is chosen from the process."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fopid_core.design.defaults import gain_sign, natural_crossover, process_gain
+from fopid_core.model.process import Process
+
+
+@pytest.mark.parametrize(
+    ("text", "sign"),
+    [("-2/(s+1)", -1.0), ("1/(s-1)", 1.0), ("(1-s)/(s+1)^2", 1.0), ("-1/s*exp(-s)", -1.0), ("1/(s^2-s+1)", 1.0),
+     ("(s-2)/(s+1)^2", -1.0)],
+)  # fmt: skip
+def test_the_gains_sign_is_that_which_can_stabilise(text: str, sign: float) -> None:
+    assert gain_sign(Process.parse(text)) == sign
+
+
+@pytest.mark.parametrize(("margin", "turn"), [(60.0, 40.0), (45.0, 45.0), (80.0, 100.0 / 3.0)])
+def test_the_natural_crossover_leaves_the_margin_to_proportional_control(margin: float, turn: float) -> None:
+    """1/(s+1)^3 turns by three times atan(w)."""
+    found = natural_crossover(Process.parse("1/(s+1)^3"), math.radians(margin))
+    assert found == pytest.approx(math.tan(math.radians(turn)), rel=0.02)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("text", ["1/({0}s+1)^3", "1/({0}s+1)*exp(-{0}s)", "1/({0}s*({0}s+1))"])
+def test_the_natural_crossover_goes_with_the_processs_own_time(text: str, scale: float) -> None:
+    one = natural_crossover(Process.parse(text.format("1")), 1.0)
+    assert natural_crossover(Process.parse(text.format(repr(scale))), 1.0) == pytest.approx(one / scale, rel=0.04)
+
+
+@pytest.mark.parametrize("text", ["1/s", "2/s", "1/s^2", "1/(s+1)", "3", "1/(s-1)", "1/(s^0.5+1)"])
+def test_every_process_has_one(text: str) -> None:
+    found = natural_crossover(Process.parse(text), 1.0)
+    assert np.isfinite(found)
+    assert found > 0.0
+
+
+def test_an_integrator_is_measured_where_its_gain_is_one() -> None:
+    assert natural_crossover(Process.parse("2/s"), 1.0) == pytest.approx(2.0, rel=0.02)
+    assert process_gain(Process.parse("-2/s")) == pytest.approx(-1.0, rel=0.02)
+
+
+def test_a_process_that_settles_is_measured_by_its_steady_state_gain() -> None:
+    assert process_gain(Process.parse("-2/(s+1)^4")) == -2.0
