@@ -25,7 +25,7 @@ def test_the_shortest_vector_within_half_spaces_is_that_of_another_solver(seed: 
     assert np.all(matrix @ found >= bound - 1e-8)
     other = minimize(
         lambda z: 0.5 * z @ z, inside, jac=lambda z: z, method="SLSQP", options={"ftol": 1e-14, "maxiter": 200},
-        constraints={"type": "ineq", "fun": lambda z: matrix @ z - bound, "jac": lambda z: matrix},
+        constraints={"type": "ineq", "fun": lambda z: matrix @ z - bound, "jac": lambda _: matrix},
     )  # fmt: skip
     assert np.linalg.norm(found) <= np.linalg.norm(other.x) + 1e-6
 

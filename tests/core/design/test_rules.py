@@ -78,8 +78,7 @@ def test_the_parallel_form_is_near_the_series_form_of_the_rule(name: str) -> Non
     lag, delay = 2.0, 1.0
     rule = RULES[name]._gains
     kp, ti, td = (
-        a * x**b + c
-        for (a, b, c), x in ((rule.proportional, 1.0 / 3.0), (rule.integral, 0.5), (rule.derivative, 0.5))
+        a * x**b + c for (a, b, c), x in ((rule.proportional, 1.0 / 3.0), (rule.integral, 0.5), (rule.derivative, 0.5))
     )
     controller = made(name, 1.0, lag, delay)
     w = np.geomspace(0.05, 2.0, 50) / delay

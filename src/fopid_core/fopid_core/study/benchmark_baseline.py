@@ -50,14 +50,14 @@ def derivative(order: float) -> Any:
     return control.ss([[-high]], [[1.0]], [[-(high**2)]], [[high]]) * fractional_power(order - 1.0)
 
 
-def closed_loop(process: Any, gains: Sequence[float]) -> Any:
+def closed_loop(process: Any, gains: Sequence[float] | Real) -> Any:
     """From the setpoint to the output, as a state space."""
     kp, ki, kd, lam, mu = gains
     controller = kp + ki * integral(lam) + kd * derivative(mu)
     return control.feedback(controller * process, 1)
 
 
-def itae(process: Any, gains: Sequence[float], horizon: float, points: int = POINTS) -> float:
+def itae(process: Any, gains: Sequence[float] | Real, horizon: float, points: int = POINTS) -> float:
     """Integral of t |1 - y| by the trapezoid rule."""
     t = np.linspace(0.0, horizon, points)
     error = 1.0 - control.step_response(closed_loop(process, gains), t).outputs
@@ -79,7 +79,7 @@ def tune_itae(
         first_control = kp + ki * h**lam * rgamma(2 + lam) + kd * h**-mu * rgamma(2 - mu)
         ms = (1 / np.abs(1 + p * (kp + ki * s**-lam + kd * s**mu))).max()
         if first_control > u_max or ms > ms_max:
-            return 1e4 * (1.0 + first_control / u_max + ms / ms_max)
+            return float(1e4 * (1.0 + first_control / u_max + ms / ms_max))
         loop = closed_loop(process, gains)
         if loop.poles().real.max() >= 0:
             return 1e5
