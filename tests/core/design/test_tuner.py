@@ -103,7 +103,7 @@ def test_bounds_out_of_reach_are_named_and_the_nearest_stable_design_is_given() 
 
 
 def test_a_margin_out_of_reach_is_answered_with_the_nearest_one() -> None:
-    """So far above its corner a lag is nearly an integrator: hardly any controller with positive parts is flat there."""
+    """With this delay the lag of the process is more than gains of one sign can make up for."""
     result = tune(TuningRequest(Process.parse("1/(s+1)*exp(-s)"), phase_margin=math.radians(150.0), crossover=0.3))
     assert not result.success
     assert "phase margin 150 deg" in result.unmet[0]

@@ -1,0 +1,144 @@
+"""``fopid reduce``, ``tune`` and ``benchmark`` keep the contract: one JSON object, exit status, one-line errors."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from fopid_core.cli import main
+from fopid_core.data import paper_tables
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
+from fopid_core.model.margins import margins
+from fopid_core.model.process import read_process
+from fopid_core.model.templates import TEMPLATES
+
+PAPERS_BOUNDS = ("--t-max", "-40@10", "--s-max", "-40@0.01")
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(main, arguments)
+
+
+def answer(*arguments: str, status: int = 0) -> dict[str, Any]:
+    result = run(*arguments, "--json")
+    assert (result.exit_code, result.stderr) == (status, "")
+    assert len(result.stdout.splitlines()) == 1
+    found: dict[str, Any] = json.loads(result.stdout, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
+    return found
+
+
+def test_reduce_gives_all_templates_and_the_preferred_one() -> None:
+    found = answer("reduce", "P1")
+    assert [model["template"] for model in found["models"]] == ["foptd", "nioptd1", "soptd", "nioptd2"]
+    assert found["preferred"] == "nioptd2"
+    for model in found["models"]:
+        assert model.keys() >= {"template", "parameters", "h2_error", "elapsed_s"}
+        assert set(model["parameters"]) == set(TEMPLATES[model["template"]].parameters)
+
+
+def test_reduce_gives_one_template_when_asked_and_can_keep_the_gain() -> None:
+    (model,) = answer("reduce", "-2/(s+1)^4", "--template", "soptd", "--keep-gain")["models"]
+    assert model["parameters"]["K"] / model["parameters"]["a0"] == pytest.approx(-2.0)
+
+
+def test_tune_frequency_gives_all_keys_of_the_contract() -> None:
+    found = answer("tune", "frequency", "P2", "--phase-margin", "80", "--crossover", "1", *PAPERS_BOUNDS)
+    assert found.keys() >= {"success", "gains", "achieved", "stable", "unmet", "elapsed_s"}
+    assert found["gains"].keys() == {"kp", "ki", "kd", "lam", "mu"}
+    achieved = found["achieved"]
+    assert achieved.keys() >= {
+        "phase_margin_deg", "crossover", "phase_slope", "t_db", "s_db", "ms", "mt", "gain_margin_db",
+    }  # fmt: skip
+    assert (found["success"], found["stable"], found["unmet"]) == (True, True, [])
+    assert achieved["phase_margin_deg"] == pytest.approx(80.0, abs=1e-6)
+    measured = margins(Loop(read_process("P2"), Fopid(**found["gains"])))
+    assert math.degrees(measured.phase_margin) == pytest.approx(80.0, abs=1e-6)
+
+
+def test_what_cannot_be_met_leaves_with_3_and_says_why() -> None:
+    found = answer("tune", "frequency", "P1", "--phase-margin", "80", "--crossover", "0.3", *PAPERS_BOUNDS, status=3)
+    assert found["success"] is False
+    assert len(found["unmet"]) == 2
+    assert found["gains"] is not None
+
+
+def test_tune_via_a_reduced_model_is_verified_on_the_process() -> None:
+    found = answer("tune", "frequency", "P1", "--phase-margin", "70", "--crossover", "0.4", "--via", "nioptd2")
+    assert found["achieved"]["phase_margin_deg"] == pytest.approx(70.0, abs=1.0)
+    assert found["achieved"]["phase_margin_deg"] != pytest.approx(70.0, abs=1e-6)
+
+
+def test_tune_time_gives_cost_and_evaluations_too() -> None:
+    found = answer("tune", "time", "P1", "--index", "itae", "--horizon", "50", "--ms-max", "1.6", "--u-max", "20")
+    assert found.keys() >= {"success", "gains", "achieved", "stable", "unmet", "elapsed_s", "cost", "evaluations"}
+    assert found["cost"] < 2.6
+    assert found["achieved"]["ms"] <= 1.6
+
+
+def test_tune_time_takes_fixed_numbers_ranges_and_weights() -> None:
+    arguments = ("--index", "sum", "--fix", "lam=1", "--fix", "mu=1", "--bound", "kd=0,0.1", "--weight", "iae=1")
+    gains = answer("tune", "time", "P1", *arguments, "--start", "1,0.4,0.1,1,1")["gains"]
+    assert (gains["lam"], gains["mu"]) == (1.0, 1.0)
+    assert 0.0 <= gains["kd"] <= 0.1
+
+
+def test_tune_rule_reads_off_a_rule() -> None:
+    found = answer("tune", "rule", "P1", "--rule", "fmigo")
+    assert found["gains"]["kd"] == 0.0
+    assert "F-MIGO" in found["message"]
+
+
+def test_a_rule_out_of_range_leaves_with_3() -> None:
+    found = answer("tune", "rule", "1/(100s+1)*exp(-s)", "--rule", "valerio-1", status=3)
+    assert (found["gains"], found["achieved"]) == (None, None)
+    assert "valid for" in found["unmet"][0]
+
+
+def test_a_process_may_begin_with_a_minus_sign() -> None:
+    assert answer("tune", "rule", "-2/(3s+1)*exp(-s)", "--rule", "simc-pi")["gains"]["kp"] < 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("reduce", "1/s"), ["not stable"]),
+        (("reduce", "P1", "--template", "third"), ["template", "'third'", "foptd"]),
+        (("tune", "frequency", "P1", "--phase-margin", "190"), ["phase-margin", "190", "below 180"]),
+        (("tune", "frequency", "P1", "--phase-margin", "nan"), ["phase-margin", "nan"]),
+        (("tune", "frequency", "P1", "--crossover", "-1"), ["crossover", "-1"]),
+        (("tune", "frequency", "P1", "--t-max", "-40"), ["t-max", "'-40'", "-40@10"]),
+        (("tune", "frequency", "P1", "--t-max", "x@10"), ["t-max", "'x'", "a number"]),
+        (("tune", "frequency", "P1", "--via", "fourth"), ["via", "'fourth'", "nioptd2"]),
+        (("tune", "time", "P1", "--index", "best"), ["index", "'best'", "itae"]),
+        (("tune", "time", "P1", "--ms-max", "0.9"), ["ms_max", "0.9", "above 1"]),
+        (("tune", "time", "P1", "--fix", "lam"), ["fix", "'lam'", "NAME=VALUE"]),
+        (("tune", "time", "P1", "--bound", "kp=1"), ["kp", "LOW,HIGH"]),
+        (("tune", "time", "P1", "--start", "1,2"), ["'1,2'", "KP,KI,KD,LAM,MU"]),
+        (("tune", "rule", "P1", "--rule", "best"), ["rule", "'best'", "fmigo"]),
+        (("tune", "time", "1/(s+", "--json"), ["1/(s+"]),
+    ],
+)
+def test_bad_input_leaves_with_2_and_one_line(arguments: tuple[str, ...], words: list[str]) -> None:
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert len(result.stderr.splitlines()) == 1
+    assert all(word in result.stderr for word in words), result.stderr
+
+
+def test_without_json_people_get_tables() -> None:
+    text = run("tune", "rule", "P1", "--rule", "amigo-pi").stdout
+    for word in ("Gains", "kp", "Achieved", "ms", "Tuning", "success"):
+        assert word in text
+    assert "Preferred" in run("reduce", "P3").stdout
+
+
+def test_the_papers_processes_reduce_to_errors_at_most_the_best_known() -> None:
+    known = {(row["process"], row["template"]): row["best_known_H2_error"] for row in paper_tables()["table1_table2"]}
+    (model,) = answer("reduce", "P4", "--template", "nioptd2")["models"]
+    assert model["h2_error"] <= 1.01 * known["P4", "NIOPTD-II"]
