@@ -6,6 +6,7 @@ import json
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
@@ -16,6 +17,7 @@ from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
 from fopid_core.model.process import read_process
 from fopid_core.model.templates import TEMPLATES
+from fopid_core.runtime.controller import ControllerSettings, FopidController
 
 PAPERS_BOUNDS = ("--t-max", "-40@10", "--s-max", "-40@0.01")
 
@@ -71,6 +73,19 @@ def test_tune_via_a_reduced_model_is_verified_on_the_process() -> None:
     found = answer("tune", "frequency", "P1", "--phase-margin", "70", "--crossover", "0.4", "--via", "nioptd2")
     assert found["achieved"]["phase_margin_deg"] == pytest.approx(70.0, abs=1.0)
     assert found["achieved"]["phase_margin_deg"] != pytest.approx(70.0, abs=1e-6)
+
+
+def test_tune_frequency_keeps_the_control_within_a_bound() -> None:
+    arguments = ("--phase-margin", "60", "--crossover", "0.5", "--u-max", "5", "--sample-time", "0.02")
+    found = answer("tune", "frequency", "P1", *arguments)
+    first = FopidController(ControllerSettings(Fopid(**found["gains"]), sample_time=0.02)).step(1.0, 0.0)
+    assert first <= 5.0 * 1.001
+
+
+def test_tune_rule_places_poles_where_asked() -> None:
+    gains = answer("tune", "rule", "1/(s^2+s+1)", "--rule", "dominant-poles", "--crossover", "2")["gains"]
+    poles = np.roots([1.0, 1.0 + gains["kd"], 1.0 + gains["kp"], gains["ki"]])
+    assert np.abs(poles).min() == pytest.approx(2.0)
 
 
 def test_tune_time_gives_cost_and_evaluations_too() -> None:

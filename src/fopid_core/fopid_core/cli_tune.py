@@ -64,18 +64,12 @@ def tune_group() -> None:
 @click.option("--s-max", metavar=bound_metavar, help="|S| at most this up to that frequency, as -40@0.01.")
 @click.option("--via", default="none", show_default=True, help="Template to reduce to first, or none.")
 @click.option("--criterion", default="peaks", show_default=True, help="What is best: peaks, ms or flatness.")
+@click.option("--u-max", type=float, metavar="X", help="Bound on the control at a setpoint step; 20 over the gain.")
+@click.option("--sample-time", type=float, default=0.01, show_default=True, help="Of the controller as it runs [s].")
 @click.option("--solver", default="square", show_default=True, help="square, or paper or monje for comparison.")
 @as_json
 def frequency_verb(
-    process: str,
-    phase_margin: float | None,
-    crossover: float | None,
-    t_max: str | None,
-    s_max: str | None,
-    via: str,
-    criterion: str,
-    solver: str,
-    as_json: bool,
+    process: str, phase_margin: float | None, t_max: str | None, s_max: str | None, as_json: bool, **options: Any
 ) -> None:
     """Meet phase margin, crossover and flat phase, and bounds on |T| and |S|."""
     from fopid_core.design.specification import TuningRequest
@@ -84,12 +78,9 @@ def frequency_verb(
     request = TuningRequest(
         read_process(process),
         phase_margin=None if phase_margin is None else _radians(phase_margin),
-        crossover=crossover,
         t_max=_bound("t-max", t_max),
         s_max=_bound("s-max", s_max),
-        via=via,
-        criterion=criterion,
-        solver=solver,
+        **options,
     )
     _tune(request, as_json)
 
@@ -132,13 +123,14 @@ def time_verb(process: str, start: str | None, as_json: bool, **options: Any) ->
 @tune_group.command("rule", context_settings=ARGUMENTS)
 @process_argument
 @click.option("--rule", metavar="NAME", help="valerio-1, fmigo, padula-visioli-..., simc-pi, amigo-pi, amigo-pid, ...")
+@click.option("--crossover", type=float, metavar="RAD_S", help="For dominant-poles: their natural frequency.")
 @as_json
-def rule_verb(process: str, rule: str | None, as_json: bool) -> None:
+def rule_verb(process: str, rule: str | None, crossover: float | None, as_json: bool) -> None:
     """Read the numbers off a published rule."""
     from fopid_core.design.specification import TuningRequest
     from fopid_core.model.process import read_process
 
-    _tune(TuningRequest(read_process(process), method="rule", rule=rule), as_json)
+    _tune(TuningRequest(read_process(process), method="rule", rule=rule, crossover=crossover), as_json)
 
 
 def _tune(request: TuningRequest, as_json: bool) -> None:

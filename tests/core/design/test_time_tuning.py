@@ -136,6 +136,15 @@ def test_any_of_the_five_numbers_can_be_kept(name: str) -> None:
     assert getattr(found.controller, name) == value
 
 
+def test_with_all_five_kept_the_design_is_judged_only() -> None:
+    numbers = {"kp": 0.8, "ki": 0.4, "kd": 0.1, "lam": 1.1, "mu": 0.7}
+    for solver in ("gauss-newton", "nelder-mead"):
+        found = tune_time(read_process("P1"), specification("itae", fixed=numbers), solver=solver)
+        assert found is not None
+        assert found.controller == Fopid(**numbers)
+        assert found.cost == pytest.approx(exact_cost("P1", "itae", found.controller), rel=3e-3)
+
+
 def test_bounds_on_the_numbers_are_kept() -> None:
     limits = {"kd": (0.0, 0.3), "lam": (0.9, 1.0), "mu": (0.8, 1.2)}
     found = tune_time(read_process("P3"), specification("itae", bounds=limits))

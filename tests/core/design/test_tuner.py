@@ -170,9 +170,10 @@ def test_elapsed_is_what_the_clock_says() -> None:
     assert tune(TuningRequest(P1, method="rule"), clock=lambda: next(ticks)).elapsed == 2.5
 
 
-def test_progress_goes_from_its_beginning_to_one() -> None:
+@pytest.mark.parametrize("process", ["P1", "P2"])  # P2 takes a second round, on finer grids
+def test_progress_goes_from_its_beginning_to_one(process: str) -> None:
     shares: list[float] = []
-    tune(TuningRequest(P1, method="time"), progress=lambda share, _: shares.append(share))
+    tune(TuningRequest(read_process(process), method="time"), progress=lambda share, _: shares.append(share))
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 

@@ -296,3 +296,13 @@ def test_the_margin_is_the_relative_change_of_the_coefficients_that_destabilises
     # the characteristic polynomial is s + 0.5, and abs(jw + 0.5) / (w + 0.5) is smallest at w = 0.5
     verdict = stability(Loop(Process.parse("1/(s+1)"), Fopid(-0.5)))
     assert verdict.margin == pytest.approx(math.sqrt(0.5), rel=0.01)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1.0, 1e3, 1e6])
+def test_the_verdict_does_not_depend_on_the_unit_of_time(scale: float) -> None:
+    process = Process.parse(f"1/({scale:g}s+1)^3")
+    for kp, stable in ((7.9, True), (8.1, False)):  # Routh: a gain of 8 is the border
+        verdict = stability(Loop(process, Fopid(kp)))
+        assert verdict.decided
+        assert verdict.stable is stable
+        assert verdict.unstable_poles == (0 if stable else 2)

@@ -173,8 +173,8 @@ def _lowest(square: OrderSquare, best: Designs, name: str) -> float:
     other_bound, other_value = _bound_and_value(square, best, "s_db" if name == "t_db" else "t_db")
     if value <= bound:
         return math.nan
-    if other_value <= other_bound:
-        return value  # the only bound that is broken has been made as low as it goes
+    if other_value - other_bound < value - bound - AS_GOOD_DB:
+        return value  # the bound that is broken most has been made as low as it goes
 
     def merit(designs: Designs) -> Real:
         value: Real = getattr(designs, name)

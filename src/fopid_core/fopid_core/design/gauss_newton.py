@@ -74,6 +74,8 @@ def descend(
     expired: Callable[[], bool] | None = None,
 ) -> Descent:
     """So many steps further, or fewer when they bring less than ``tolerance``, relative, or time is over."""
+    if not len(problem.free):
+        return descent
     winding = problem.winding(descent.gains)
     point = problem.linearised(descent.gains)
     for _ in range(steps):
@@ -116,7 +118,7 @@ def _solve(point: Linearised, floor: float, low: Real, high: Real) -> Real:
     weights = point.absolute / np.maximum(size, floor * size.max()) + 2.0 * point.square
     weighted = point.signal_slopes * weights
     curvature = weighted @ point.signal_slopes.T
-    curvature += np.eye(len(low)) * (1e-9 * np.trace(curvature))
+    curvature += np.eye(len(low)) * (1e-9 * np.trace(curvature) + np.finfo(float).tiny)
     root = np.linalg.cholesky(curvature)
     newton = -np.linalg.solve(root, weighted @ point.signals)
     matrix = np.vstack([point.slack_slopes, np.eye(len(low)), -np.eye(len(low))])

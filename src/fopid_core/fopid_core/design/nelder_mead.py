@@ -20,9 +20,15 @@ FORBIDDEN = 1e3
 """Cost, relative to the start's, of a loop that is unstable or breaks a bound; more the further it is off."""
 
 
+class _TimeIsOverError(Exception):
+    """Ends a search from within the function it minimises."""
+
+
 def simplex_search(problem: TimeProblem, start: Descent, expired: Callable[[], bool]) -> Descent:
     """The best point that simplices of different shape reach, each from the best so far."""
     free, box = problem.free, problem.box
+    if not len(free):
+        return start
     unit = problem.scale[free]
     winding = problem.winding(start.gains)
     low, high = box[free].T / unit
@@ -35,7 +41,7 @@ def simplex_search(problem: TimeProblem, start: Descent, expired: Callable[[], b
 
     def penalised(x: Real) -> float:
         if expired():
-            raise StopIteration
+            raise _TimeIsOverError
         here = descent_at(x)
         if abs(problem.winding(here.gains) - winding) > 1.0:
             return 2.0 * FORBIDDEN * start.cost
@@ -55,6 +61,6 @@ def simplex_search(problem: TimeProblem, start: Descent, expired: Callable[[], b
                 options={"initial_simplex": simplex, "maxfev": 300, "xatol": 1e-5, "fatol": 1e-6 * start.cost},
             ).x
             best = min(best, descent_at(x), key=lambda descent: descent.merit)
-    except StopIteration:
+    except _TimeIsOverError:
         pass
     return best

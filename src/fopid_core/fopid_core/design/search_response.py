@@ -74,6 +74,8 @@ class ResponseGrid:
 
     def _powers(self, orders: Real) -> Complex:
         """s^order, shape (n, points + 1), each different order worked out once: most of the time goes here."""
+        if len(orders) == 1:
+            return np.asarray(np.exp(orders[0] * self._log_s)[None])
         different, which = np.unique(orders, return_inverse=True)
         return np.asarray(np.exp(different[:, None] * self._log_s)[which])
 

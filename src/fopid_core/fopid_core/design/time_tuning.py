@@ -167,8 +167,9 @@ class _Search:
         expired: Callable[[], bool],
     ) -> None:
         self.process, self.specification, self.solver = process, specification, solver
-        self.seed, self.report, self.expired = seed, report, expired
+        self.seed, self.expired = seed, expired
         self.evaluations = 0
+        self._report, self._share = report, 0.0
 
     def run(self, problem: TimeProblem, rows: Real, polish_only: bool = False) -> Descent | None:
         """The best stable design found from some rows of gains and, unless polishing, from drawn ones."""
@@ -183,6 +184,11 @@ class _Search:
         self.evaluations += problem.evaluations
         ended.sort(key=lambda descent: descent.merit)
         return next(d for d in [*ended, *begun] if stable_mask(self.process, d.gains[None])[0])
+
+    def report(self, share: float, what: str) -> None:
+        """Say what is being done; a second round on finer grids does not take the share back."""
+        self._share = max(self._share, share)
+        self._report(self._share, what)
 
     def _descend(self, problem: TimeProblem, begun: list[Descent]) -> list[Descent]:
         if not self.specification.objective.is_integral:
