@@ -37,6 +37,7 @@ from fopid_ros.signals import header_stamp
 
 DISCOVERY_TIME = 15.0  # how long the other nodes may take to appear [s]
 SLICE = 0.02  # [s] between two looks at the loop
+NAME_TIME = 3.0  # how long the name of a publisher's node may take to be known [s]
 STALL_TIME = 10.0  # lockstep without progress for this long has stalled [s]
 TABLE_WIDTH = 120  # columns the table needs; a narrower terminal wraps it
 TUNING_TIME = 120.0  # how long a tuning may take [s]
@@ -44,6 +45,17 @@ TUNING_TIME = 120.0  # how long a tuning may take [s]
 
 class StopRequestedError(Exception):
     """Ctrl-C or a request to terminate."""
+
+
+def publisher_names(node: Node, topic: str) -> list[str]:
+    """Who publishes a topic; a publisher is found a moment before the name of its node is."""
+    deadline = time.monotonic() + NAME_TIME
+    while True:
+        infos = node.get_publishers_info_by_topic(topic)
+        names = sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
+        if time.monotonic() > deadline or not any("_UNKNOWN_" in name for name in names):
+            return names
+        time.sleep(SLICE)
 
 
 def refuse_other_loops(node: Node, allowed: int) -> None:
@@ -55,8 +67,7 @@ def refuse_other_loops(node: Node, allowed: int) -> None:
         If more than ``allowed`` nodes publish the measurement or the control, naming them.
     """
     for topic in ("measurement", "control"):
-        infos = node.get_publishers_info_by_topic(topic)
-        names = sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
+        names = publisher_names(node, topic)
         if len(names) > allowed:
             domain = node.context.get_domain_id()
             raise InputError(

@@ -221,12 +221,13 @@ def _growth_with_candidates() -> list[Figure]:
 
 
 def _import_time() -> list[Figure]:
-    def run(code: str) -> float:
-        return best_time(lambda: subprocess.run([sys.executable, "-c", code], check=True), 3)
+    def seconds(module: str) -> float:
+        code = f"import time; t = time.perf_counter(); import {module}; print(time.perf_counter() - t)"
+        command = [sys.executable, "-c", code]
+        return min(float(subprocess.run(command, check=True, capture_output=True).stdout) for _ in range(3))
 
-    python = run("pass")
-    tuner = run("import fopid_core.design.tuner")
+    tuner, control = seconds("fopid_core.design.tuner"), seconds("control")
     return [
-        Figure("import of fopid_core", run("import fopid_core") - python, "s"),
-        Figure("import of the tuner", tuner - python, "s", run("import control") - python, "import of python-control"),
+        Figure("import of fopid_core", seconds("fopid_core"), "s"),
+        Figure("import of the tuner", tuner, "s", control, "import of python-control"),
     ]
