@@ -20,6 +20,8 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Through the environment, so that brackets, ^, spaces and quotes reach the command as typed.
 export PROCESS
 
+PYTEST = "$(BIN)/python" -m pytest --numprocesses auto --dist loadgroup
+
 .PHONY: help
 help: ## Show this list
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -34,15 +36,15 @@ demo: venv ## Tune and run a loop over ROS 2, write the report [PROCESS='9/((s+1
 
 .PHONY: test
 test: venv ## Run the fast tests [ARGS='-k name']
-	@"$(BIN)/python" -m pytest $(ARGS)
+	@$(PYTEST) $(ARGS)
 
 .PHONY: test-slow
 test-slow: venv ## Run the tests marked slow
-	@"$(BIN)/python" -m pytest -m 'slow and not colcon' $(ARGS)
+	@$(PYTEST) -m 'slow and not colcon' $(ARGS)
 
 .PHONY: test-all
 test-all: venv ## Run the fast and the slow tests
-	@"$(BIN)/python" -m pytest -m 'not colcon' $(ARGS)
+	@$(PYTEST) -m 'not colcon' $(ARGS)
 
 .PHONY: bench
 bench: venv ## Measure the performance figures, each beside its baseline

@@ -27,13 +27,8 @@ from fopid_ros.processes import ros_arguments
 
 BIN = Path(sys.executable).parent
 PATIENCE = 30.0
+SETTLE = 0.3  # [s] a server may find a new client a little later than the client finds it; its answer would be lost
 DEEP = QoSProfile(depth=100_000)
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    for item in items:
-        if Path(__file__).parent in item.path.parents:
-            item.add_marker(pytest.mark.ros)
 
 
 class Graph:
@@ -49,6 +44,7 @@ class Graph:
         self.domain = domain
         self._folder = folder
         self._processes: list[subprocess.Popen[str]] = []
+        self._clients: dict[str, Any] = {}
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = Node("tester", context=self.context)
@@ -84,9 +80,16 @@ class Graph:
         return future.result()
 
     def client(self, kind: type, name: str) -> Any:
-        client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready, f"the service {name}")
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, name)
+        client = self._clients[name]
+        self._settle(client.service_is_ready, f"the service {name}")
         return client
+
+    def _settle(self, ready: Callable[[], bool], what: str) -> None:
+        if not ready():
+            self.until(ready, what)
+            self.spin(SETTLE)
 
     def call(self, kind: type, name: str, request: Any = None, patience: float = PATIENCE) -> Any:
         client = self.client(kind, name)
@@ -99,8 +102,10 @@ class Graph:
         return messages
 
     def parameters(self, node: str) -> AsyncParameterClient:
-        client = AsyncParameterClient(self.node, node)
-        self.until(client.services_are_ready, f"parameters of {node}")
+        if node not in self._clients:
+            self._clients[node] = AsyncParameterClient(self.node, node)
+        client = self._clients[node]
+        self._settle(client.services_are_ready, f"parameters of {node}")
         return client
 
     def set(self, node: str, **values: object) -> Any:
