@@ -10,9 +10,6 @@ from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import Executor, MultiThreadedExecutor
-from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.parameter_client import AsyncParameterClient
-from rclpy.task import Future
 
 from fopid_core.design.reduction import preferred, reduce, reduce_all
 from fopid_core.design.specification import METHODS, VIA
@@ -23,11 +20,11 @@ from fopid_core.model.process import Process, read_process
 from fopid_msgs.msg import Gains, LoopMeasures, ReducedModel
 from fopid_msgs.msg import TuningResult as TuningResultMessage
 from fopid_msgs.srv import Reduce, Tune
+from fopid_ros.controller_client import GAINS, ControllerClient
 from fopid_ros.node import ManagedNode, latched_qos, run
 from fopid_ros.parameters import Spec
 from fopid_ros.signals import header_stamp
 
-GAINS = ("kp", "ki", "kd", "lam", "mu")
 _ZERO_CHOOSES = "; 0 leaves it to the method"
 
 SPECS = (
@@ -50,9 +47,6 @@ SPECS = (
     Spec("sample_time", 0.01, "tick of the controller that will run the gains [s]", 1e-6, 1e6),
     Spec("verify.ms_max", 4.0, "gains with a larger max |S| are not applied", 1.0, 1e6),
 )  # fmt: skip
-
-ANSWER_TIME = 3.0
-"""How long the controller may take to answer [s]."""
 
 
 @dataclass(frozen=True)
@@ -107,8 +101,7 @@ class TunerNode(ManagedNode):
         concurrent = ReentrantCallbackGroup()
         self._busy = threading.Lock()
         self._results = self.create_publisher(TuningResultMessage, "~/result", latched_qos(depth=100))
-        self._controller_name = self.get_parameter("controller").value
-        self._controller = AsyncParameterClient(self, self._controller_name, callback_group=concurrent)
+        self._controller = ControllerClient(self, self.get_parameter("controller").value, concurrent)
         self.create_service(Tune, "~/tune", self._on_tune, callback_group=concurrent)
         self.create_service(Reduce, "~/reduce", self._on_reduce, callback_group=concurrent)
 
@@ -149,23 +142,11 @@ class TunerNode(ManagedNode):
         self._publish_result(response, wanted, applied)
         self.get_logger().info(f"{wanted.method}: {response.message}")
 
-    def _apply(self, controller: Fopid | None) -> Applied:
-        """Hand the gains over, all at once: the controller swaps them between two ticks."""
-        if not self._controller.wait_for_services(timeout_sec=ANSWER_TIME):
-            return Applied(False, f"not applied: no controller {self._controller_name!r} answers")
-        answer = _wait(self._controller.get_parameters(list(GAINS)))
-        if answer is None:
-            return Applied(False, f"not applied: {self._controller_name!r} did not tell its present gains")
-        present = [parameter_value_to_python(value) for value in answer.values]
-        if any(value is None for value in present):
-            return Applied(False, f"not applied: {self._controller_name!r} is not a FOPID controller")
-        parameters = [Parameter(name, value=value) for name, value in zip(GAINS, controller.gains, strict=True)]
-        answer = _wait(self._controller.set_parameters_atomically(parameters))
-        if answer is None:
-            return Applied(False, f"not applied: {self._controller_name!r} did not confirm")
-        if not answer.result.successful:
-            return Applied(False, f"not applied: {self._controller_name!r} refused: {answer.result.reason}")
-        return Applied(True, "applied", Fopid(*present))
+    def _apply(self, gains: Fopid) -> Applied:
+        try:
+            return Applied(True, "applied", self._controller.apply(gains))
+        except InputError as error:
+            return Applied(False, f"not applied: {error}")
 
     def _publish_result(self, response: Tune.Response, wanted: TuningRequest, applied: Applied) -> None:
         message = TuningResultMessage(
@@ -214,13 +195,6 @@ def _refusal(result: TuningResult, ms_max: float) -> str:
         ms = math.nan if result.achieved is None else result.achieved.ms
         return f"not applied: Ms = {ms:.3g} is above verify.ms_max = {ms_max:g}"
     return ""
-
-
-def _wait(future: Future) -> Any:
-    """A future's result, None if it does not come in time; the executor's other threads bring it."""
-    done = threading.Event()
-    future.add_done_callback(lambda _: done.set())
-    return future.result() if done.wait(ANSWER_TIME) else None
 
 
 def _fill_gains(message: Gains, controller: Fopid) -> None:
