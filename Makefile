@@ -32,7 +32,7 @@ venv: ## Make .venv, or bring it up to date
 
 .PHONY: demo
 demo: venv ## Tune and run a loop over ROS 2, write the report [PROCESS='9/((s+1)(s^2+2s+9))']
-	@"$(BIN)/fopid_demo" $${PROCESS:+--process "$$PROCESS"} $(ARGS)
+	@"$(BIN)/fopid_demo" "--process=$${PROCESS:-P1}" $(ARGS)
 
 .PHONY: test
 test: venv ## Run the fast tests [ARGS='-k name']

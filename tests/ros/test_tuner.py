@@ -93,6 +93,16 @@ def test_a_design_that_cannot_be_stable_is_never_applied(shared_graph: Graph) ->
     assert shared_graph.get("fopid_controller", *GAINS) == before
 
 
+def test_a_design_too_fast_for_the_tick_is_never_applied(shared_graph: Graph) -> None:
+    """Stable in continuous time, but with a loop gain above 1 at all frequencies no sampled loop bears it."""
+    before = shared_graph.get("fopid_controller", *GAINS)
+    answer = shared_graph.call(Tune, "fopid_tuner/tune", Tune.Request(process="(s+1)/(s+2)", apply=True))
+    assert answer.achieved.stable
+    assert not answer.applied
+    assert "delay margin 0 s is below 2 ticks" in answer.message
+    assert shared_graph.get("fopid_controller", *GAINS) == before
+
+
 def test_without_apply_nothing_is_changed(shared_graph: Graph) -> None:
     before = shared_graph.get("fopid_controller", *GAINS)
     request = Tune.Request(method="frequency", phase_margin=1.2, crossover=0.4)

@@ -25,6 +25,8 @@ from fopid_ros.node import ManagedNode, latched_qos, run
 from fopid_ros.parameters import Spec
 from fopid_ros.signals import header_stamp
 
+LEAST_TICKS = 2
+"""Delay margin that gains need to be applied: a held control is half a tick late, its messages up to another."""
 _ZERO_CHOOSES = "; 0 leaves it to the method"
 
 SPECS = (
@@ -129,7 +131,7 @@ class TunerNode(ManagedNode):
         result = tune(wanted)
         applied = Applied(False, "")
         if request.apply:
-            refusal = _refusal(result, values["verify.ms_max"])
+            refusal = _refusal(result, values["verify.ms_max"], values["sample_time"])
             applied = Applied(False, refusal) if refusal else self._apply(result.controller)
         response.success = result.success and (applied.done or not request.apply)
         response.applied = applied.done
@@ -185,7 +187,7 @@ class TunerNode(ManagedNode):
         return read_process(known)
 
 
-def _refusal(result: TuningResult, ms_max: float) -> str:
+def _refusal(result: TuningResult, ms_max: float, sample_time: float) -> str:
     """Why a design is not applied; empty when it may be."""
     if result.controller is None or not result.stable:
         return "not applied: no stable design"
@@ -194,6 +196,9 @@ def _refusal(result: TuningResult, ms_max: float) -> str:
     if result.achieved is None or result.achieved.ms > ms_max:
         ms = math.nan if result.achieved is None else result.achieved.ms
         return f"not applied: Ms = {ms:.3g} is above verify.ms_max = {ms_max:g}"
+    if result.achieved.delay_margin < LEAST_TICKS * sample_time:
+        margin = f"delay margin {result.achieved.delay_margin:.3g} s"
+        return f"not applied: {margin} is below {LEAST_TICKS} ticks of {sample_time:g} s; it may be unstable as it runs"
     return ""
 
 

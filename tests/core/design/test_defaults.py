@@ -41,6 +41,10 @@ def test_every_process_has_one(text: str) -> None:
     assert found > 0.0
 
 
+def test_a_process_that_only_leads_is_taken_where_it_leads_most() -> None:
+    assert natural_crossover(Process.parse("(s+1)/(s+2)"), 1.0) == pytest.approx(math.sqrt(2.0), rel=0.02)
+
+
 def test_an_integrator_is_measured_where_its_gain_is_one() -> None:
     assert natural_crossover(Process.parse("2/s"), 1.0) == pytest.approx(2.0, rel=0.02)
     assert process_gain(Process.parse("-2/s")) == pytest.approx(-1.0, rel=0.02)

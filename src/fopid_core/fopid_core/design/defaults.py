@@ -21,6 +21,7 @@ U_MAX = 20.0
 """For a process of gain 1: twenty times the control that holds the setpoint."""
 
 _W = np.logspace(-7.0, 7.0, 1401)
+_FLAT = math.radians(5.0)
 
 
 def gain_sign(process: Process) -> float:
@@ -44,7 +45,8 @@ def natural_crossover(process: Process, phase_margin: float) -> float:
 
     A process that never lags so far (a first-order lag) is taken where it has nine tenths of its own largest lag, one
     with the same phase everywhere (an integrator) where its gain is 1, and one that begins with more lag (an unstable
-    one) where it has less, by a factor of three if there is room.
+    one) where it has less, by a factor of three if there is room. One that only leads is taken where it leads most;
+    one without dynamics has no time of its own, and 1 rad/s stands for it.
 
     Examples
     --------
@@ -53,11 +55,13 @@ def natural_crossover(process: Process, phase_margin: float) -> float:
     """
     lag, gain = _lag_and_gain(process)
     wished = math.pi - phase_margin
-    if np.ptp(lag) < math.radians(5.0):
-        return float(_W[np.argmin(np.abs(np.log(gain)))])
+    if np.ptp(lag) < _FLAT:
+        return float(_W[np.argmin(np.abs(np.log(gain)))]) if np.ptp(np.log(gain)) > _FLAT else 1.0
     if lag[0] > wished + 1e-6:
         less = _W[: len(lag)][lag < wished]
         return float(min(3.0 * less[0], math.sqrt(less[0] * less[-1]))) if len(less) else float(_W[np.argmin(lag)])
+    if lag.max() - lag[0] < _FLAT:
+        return float(_W[np.argmin(lag)])
     wished = min(wished, lag[0] + 0.9 * (lag.max() - lag[0]))
     return float(_W[np.flatnonzero(lag >= wished)[0]])
 
