@@ -6,94 +6,36 @@ No clock, no ROS: time is the fixed sample time, one call of ``step`` per tick. 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 from fopid_core.errors import InputError
-from fopid_core.model.fopid import Fopid
-from fopid_core.runtime.filter_bank import Band, FilterBank, derivative_reading, integral_reading
+from fopid_core.runtime.antiwindup import conditioning, instant_gain, tracking_gain
+from fopid_core.runtime.filter_bank import Band, derivative_reading, integral_reading
+from fopid_core.runtime.operators import Operators
+from fopid_core.runtime.settings import LARGEST, LOWEST, AntiWindup, ControllerSettings, with_gains
 
-AntiWindup = Literal["none", "back_calculation", "conditional_integration"]
+__all__ = ["AntiWindup", "ControllerSettings", "ControllerState", "FopidController", "Mode", "with_gains"]
+
 Mode = Literal["auto", "manual"]
 
 
-@dataclass(frozen=True)
-class ControllerSettings:
-    """Everything that can be set, validated as a whole.
+@dataclass(slots=True)
+class ControllerState:
+    """What the controller did at its last tick (units of the signals).
 
     Attributes
     ----------
-    gains : Fopid
-        kp, ki, kd, lam, mu.
-    sample_time : float
-        Time between ticks [s].
-    band : Band, optional
-        Where the fractional powers are met; by default six decades below the Nyquist frequency.
-    setpoint_weight : float
-        Share of the setpoint that the proportional part sees, 0 to 1.
-    derivative_setpoint_weight : float
-        The same for the derivative part: 1 derivative of the error, 0 derivative of the measurement.
-    derivative_filter_time : float
-        Time constant of the lag before the derivative [s]; 0 for none.
-    control_min, control_max : float
-        Limits of the control signal; infinite for none.
-    control_rate_max : float
-        Largest change of the control signal per second; infinite for none.
-    antiwindup : {"none", "back_calculation", "conditional_integration"}
-    tracking_time : float
-        How fast back-calculation takes the integral back [s]; 0 chooses (kp/ki)^(1/lam).
-    bumpless : bool
-        On a change of the gains, whether the integral takes up the step between old and new reading.
-    safe_control : float
-        The control signal before the first tick and while the controller is not running.
+    setpoint, measurement, error : float
+        As the controller took them: the setpoint within its rate, the error without its deadband.
+    proportional, integral, derivative, feedforward : float
+        The parts of the control; the integral carries what bumpless changes have left behind.
+    control_unlimited, control : float
+        Before and after the limits.
+    saturated : bool
+        Whether these two differ.
+    mode : {"auto", "manual"}
     """
-
-    gains: Fopid
-    sample_time: float = 0.01
-    band: Band | None = None
-    setpoint_weight: float = 1.0
-    derivative_setpoint_weight: float = 1.0
-    derivative_filter_time: float = 0.0
-    control_min: float = -math.inf
-    control_max: float = math.inf
-    control_rate_max: float = math.inf
-    antiwindup: AntiWindup = "back_calculation"
-    tracking_time: float = 0.0
-    bumpless: bool = True
-    safe_control: float = 0.0
-
-    def __post_init__(self) -> None:
-        _require(self, "sample_time", 1e-6, 1e6)
-        for name in ("setpoint_weight", "derivative_setpoint_weight"):
-            _require(self, name, 0.0, 1.0)
-        for name in ("derivative_filter_time", "tracking_time"):
-            _require(self, name, 0.0, 1e9)
-        _require(self, "safe_control", -1e300, 1e300)
-        if not self.control_min < self.control_max:
-            raise InputError(f"control_min = {self.control_min}, control_max = {self.control_max}; allowed: min < max")
-        if not self.control_min <= self.safe_control <= self.control_max:
-            limits = f"{self.control_min:g} to {self.control_max:g}"
-            raise InputError(f"safe_control = {self.safe_control}; allowed: control_min to control_max, {limits}")
-        if not self.control_rate_max > 0:
-            raise InputError(f"control_rate_max = {self.control_rate_max}; allowed: above 0, inf for none")
-        if self.antiwindup not in get_args(AntiWindup):
-            raise InputError(f"antiwindup = {self.antiwindup!r}; allowed: {', '.join(get_args(AntiWindup))}")
-
-    @property
-    def active_band(self) -> Band:
-        """The band in force."""
-        return self.band or Band.for_sample_time(self.sample_time)
-
-
-def _require(settings: ControllerSettings, name: str, low: float, high: float) -> None:
-    value = getattr(settings, name)
-    if not low <= value <= high:
-        raise InputError(f"{name} = {value}; allowed: {low:g} to {high:g}")
-
-
-@dataclass
-class ControllerState:
-    """What the controller did at its last tick (units of the signals)."""
 
     setpoint: float = 0.0
     measurement: float = 0.0
@@ -117,6 +59,7 @@ class FopidController:
 
     Examples
     --------
+    >>> from fopid_core.model.fopid import Fopid
     >>> controller = FopidController(ControllerSettings(Fopid(kp=2.0, ki=1.0), sample_time=0.1))
     >>> controller.step(setpoint=1.0, measurement=0.0)
     2.05
@@ -124,6 +67,8 @@ class FopidController:
 
     def __init__(self, settings: ControllerSettings) -> None:
         self.state = ControllerState()
+        self._arguments: tuple[Band, float, float] | None = None
+        self._operators: Operators
         self._install(settings)
         self.reset()
 
@@ -134,12 +79,14 @@ class FopidController:
 
     def reset(self) -> None:
         """Forget the past: as new, with the same settings and mode."""
-        self._integral_bank.reset()
-        self._derivative_bank.reset()
+        self._operators.reset()
         self._bias = 0.0  # what bumpless changes have left behind; a constant, as an integrator would hold it
-        self._origin: float | None = None  # the first measurement: signals count from there
-        self._filtered = self._unfiltered = 0.0
-        self._excess = 0.0  # limited less unlimited control at the last tick
+        self._started = False
+        self._origin = 0.0  # the first measurement: signals count from there
+        self._differentiated = 0.0  # the differentiated signal
+        self._shift = 0.0  # what bumpless changes have taken out of it
+        self._remembered = self._settings.safe_control  # the control that what is remembered stands for
+        self._held = False  # whether the last tick was a hold
         self.state = ControllerState(control=self._settings.safe_control, mode=self.state.mode)
 
     def reconfigure(self, settings: ControllerSettings) -> None:
@@ -148,20 +95,38 @@ class FopidController:
         With ``bumpless`` the next control moves by what a controller with the new gains all along would
         have moved it by; without, it goes to where such a controller would have been.
         """
-        before = self._reading()
+        state, before = self.state, self._settings
+        if self._conditioned:
+            self._operators.correct(self._owed(state.control - self._remembered))
+            self._remembered = state.control
+            self._read(*self._operators.read())
+        old = state.proportional + state.integral + state.derivative
         self._install(settings)
-        if settings.bumpless and self._origin is not None:
-            self._bias += before - self._reading()
+        # A new weight must not look like a jump of the differentiated signal.
+        new_weight = settings.derivative_setpoint_weight - before.derivative_setpoint_weight
+        self._shift += new_weight * (state.setpoint - self._origin)
+        self._read(*self._operators.read())
+        if settings.bumpless:
+            self._take_up(old - state.proportional - state.integral - state.derivative)
 
     def set_mode(self, mode: Mode) -> None:
         """Switch between automatic and manual; the control signal does not jump."""
         if mode not in get_args(Mode):
             raise InputError(f"mode = {mode!r}; allowed: {', '.join(get_args(Mode))}")
-        if mode == "auto" and self.state.mode == "manual":
-            self._bias += self.state.control - self.state.feedforward - self._reading()
-        self.state.mode = mode
+        state = self.state
+        if mode == "auto" and state.mode == "manual":
+            parts = state.proportional + state.integral + state.derivative + state.feedforward
+            self._take_up(state.control - parts)
+        state.mode = mode
 
-    def step(self, setpoint: float, measurement: float, feedforward: float = 0.0, manual: float = 0.0) -> float:
+    def step(
+        self,
+        setpoint: float,
+        measurement: float,
+        feedforward: float = 0.0,
+        manual: float = 0.0,
+        tracking: float | None = None,
+    ) -> float:
         """One tick: take the signals at this instant, give the control until the next.
 
         Parameters
@@ -172,107 +137,166 @@ class FopidController:
             Added to the control before the limits.
         manual : float
             The control in manual mode (limits apply as well).
+        tracking : float, optional
+            The tracking input TR of the ISA form: what the actuator did with the last control, or what another
+            controller drives it with. It takes the place of the controller's own limited control: the integral
+            follows it within ``tracking_time``, and the rate limit counts from it. An actuator that lags is thus
+            followed with the integral alone, so that the lag is not taken for a limit by the other parts.
 
         Raises
         ------
         InputError
-            If a signal is not finite; the controller is then as it was before the call.
+            If a signal is not finite, or beyond 1e100; the controller is then as it was before the call.
         """
-        if not math.isfinite(setpoint + measurement + feedforward + manual):
-            raise InputError(
-                f"setpoint = {setpoint}, measurement = {measurement}, feedforward = {feedforward}, "
-                f"manual = {manual}; allowed: finite numbers"
-            )
+        if not (
+            LOWEST <= setpoint <= LARGEST
+            and LOWEST <= measurement <= LARGEST
+            and LOWEST <= feedforward <= LARGEST
+            and LOWEST <= manual <= LARGEST
+        ):
+            raise _refused(setpoint=setpoint, measurement=measurement, feedforward=feedforward, manual=manual)
         state = self.state
-        self._take(setpoint, measurement)
-        self._reading()
-        state.setpoint, state.measurement, state.error = setpoint, measurement, setpoint - measurement
-        state.feedforward = feedforward
-        automatic = state.proportional + state.integral + state.derivative + feedforward
-        state.control_unlimited = automatic if state.mode == "auto" else manual
-        control = self._limit(state.control_unlimited, state.control)
-        self._excess = control - state.control_unlimited
-        state.saturated = self._excess != 0.0
-        state.control = control
+        last = state.control
+        if tracking is not None:
+            if not LOWEST <= tracking <= LARGEST:
+                raise _refused(tracking=tracking)
+            last = tracking
+        if not self._started:
+            self._start(measurement, last)
+        if self._setpoint_step < math.inf:
+            setpoint = _limited(setpoint, state.setpoint - self._setpoint_step, state.setpoint + self._setpoint_step)
+        before = state.proportional + state.derivative + state.feedforward
+        state.setpoint, state.measurement, state.feedforward = setpoint, measurement, feedforward
+        self._advance(setpoint, measurement, last - self._remembered, tracking is not None)
+        if self._held:
+            self._take_up(before - state.proportional - state.derivative - feedforward)
+            self._held = False
+        automatic = state.mode == "auto"
+        parts = state.proportional + state.integral + state.derivative + feedforward
+        unlimited = parts if automatic else manual
+        free = self._low <= unlimited <= self._high and -self._furthest <= unlimited - last <= self._furthest
+        control = unlimited if free else self._limit(unlimited, last)
+        state.control_unlimited, state.control, state.saturated = unlimited, control, control != unlimited
+        self._remembered = unlimited if automatic else control
         return control
 
+    def hold(self, control: float | None = None) -> float:
+        """One tick without usable inputs.
+
+        What is remembered of the signals stands still. The integral takes up the difference, so that the next
+        ``step`` goes on from the held control: proportional, derivative and feedforward begin there without a
+        jump, whatever the inputs did meanwhile, and only the integral moves it.
+
+        Parameters
+        ----------
+        control : float, optional
+            Where the control goes, within limits and rate; by default it stays.
+
+        Returns
+        -------
+        float
+            The control until the next tick.
+
+        Raises
+        ------
+        InputError
+            If ``control`` is not finite, or beyond 1e100.
+        """
+        state = self.state
+        wanted = state.control if control is None else control
+        if not LOWEST <= wanted <= LARGEST:
+            raise _refused(control=wanted)
+        held = self._limit(wanted, state.control)
+        state.control_unlimited, state.control, state.saturated = wanted, held, held != wanted
+        self._take_up(held - state.proportional - state.integral - state.derivative - state.feedforward)
+        self._remembered, self._held = held, True
+        return held
+
     def _install(self, settings: ControllerSettings) -> None:
-        structure = (settings.sample_time, settings.active_band)
-        if structure != getattr(self, "_structure", None):
-            self._integral_bank = FilterBank(settings.active_band, settings.sample_time)
-            self._derivative_bank = FilterBank(settings.active_band, settings.sample_time)
-            self._structure = structure
-        self._settings = settings
-        self._gains = gains = settings.gains
-        integral = integral_reading(settings.active_band, gains.lam)
-        self._integral_reading = self._integral_bank.bound(integral)
-        self._derivative_reading = self._derivative_bank.bound(derivative_reading(settings.active_band, gains.mu))
-        after_one_tick = self._integral_bank.after_one_tick(integral)
-        self._tracking_gain = _tracking_gain(settings, after_one_tick)
+        """Work out what every tick needs."""
+        self._settings, gains, band = settings, settings.gains, settings.active_band
+        self._provide_operators(settings)
+        operators = self._operators
+        operators.read_by(integral_reading(band, gains.lam), derivative_reading(band, gains.mu))
+        self._kp, self._ki, self._kd = gains.kp, gains.ki, gains.kd
+        self._off_proportional = 1.0 - settings.setpoint_weight
+        self._setpoint_step = settings.setpoint_rate_max * settings.sample_time
+        self._low, self._high = settings.control_min, settings.control_max
+        self._furthest = settings.control_rate_max * settings.sample_time
+        self._deadband, self._derivative_weight = settings.deadband, settings.derivative_setpoint_weight
+        correction = None if settings.tracking_time else conditioning(operators, gains)
+        self._conditioned = correction is not None
+        if correction is not None:
+            operators.correct_by(correction)
+        self._tracking_gain = tracking_gain(operators, gains, settings.tracking_time)
+        self._direction = instant_gain(operators, gains) if self._conditioned else gains.ki
 
-    def _take(self, setpoint: float, measurement: float) -> None:
-        """Feed the operators' memories."""
-        settings = self._settings
-        if self._origin is None:
-            self._origin = measurement
-        moved = measurement - self._origin
+    def _provide_operators(self, settings: ControllerSettings) -> None:
+        structure = (settings.active_band, settings.sample_time)
+        arguments = (*structure, settings.derivative_filter_time)
+        if arguments == self._arguments:
+            return
+        operators = Operators(*arguments)
+        if self._arguments and structure == self._arguments[:2]:
+            step = operators.take_over(self._operators)
+            self._shift += step
+            self._differentiated -= step
+        self._operators, self._arguments = operators, arguments
+
+    def _start(self, measurement: float, control: float) -> None:
+        self._started = True
+        self._origin = self.state.setpoint = measurement
+        self._remembered = control
+
+    def _advance(self, setpoint: float, measurement: float, excess: float, tracks: bool) -> None:
+        """Carry on what is remembered, and read the three parts."""
+        owed = self._owed(excess) if excess else 0.0
+        error = setpoint - measurement
+        if self._deadband:
+            error -= _limited(error, -self._deadband, self._deadband)
+        self.state.error = error
         asked = setpoint - self._origin
-        self._weighted_error = settings.setpoint_weight * asked - moved
-        self._integral_bank.push(self._integral_input(setpoint - measurement))
-        self._derivative_bank.push(self._filter(settings.derivative_setpoint_weight * asked - moved))
-
-    def _integral_input(self, error: float) -> float:
+        changing = self._derivative_weight * asked - (measurement - self._origin) - self._shift
+        if self._held:
+            self._shift += changing - self._differentiated
+            changing = self._differentiated
+        self._differentiated = changing
+        integrated = error
         if self.state.mode == "manual":
-            return 0.0
-        if self._excess and self._settings.antiwindup == "conditional_integration":
-            pushes_further = self._gains.ki * error * self._excess < 0.0
-            return 0.0 if pushes_further else error
-        return error + self._tracking_gain * self._excess
+            integrated = owed = 0.0
+        elif owed and (tracks or not self._conditioned):
+            integrated, owed = error + self._tracking_gain * owed, 0.0
+        integral, derivative = self._operators.push(integrated, changing, owed)
+        self._read(integral, derivative)
 
-    def _filter(self, value: float) -> float:
-        """First-order lag, exact for a signal that is linear between samples."""
-        time_constant = self._settings.derivative_filter_time
-        if time_constant > 0.0:
-            ratio = self._settings.sample_time / time_constant
-            decay = math.exp(-ratio)
-            from_new = 1.0 + math.expm1(-ratio) / ratio
-            value_out = decay * self._filtered + (1.0 - decay - from_new) * self._unfiltered + from_new * value
-        else:
-            value_out = value
-        self._unfiltered, self._filtered = value, value_out
-        return value_out
+    def _owed(self, excess: float) -> float:
+        """How much of the excess of the last tick what is remembered has to take in."""
+        antiwindup = self._settings.antiwindup
+        if antiwindup == "back_calculation":
+            return excess
+        pushes_further = self._direction * self.state.error * excess < 0.0
+        return excess if antiwindup == "conditional_integration" and pushes_further else 0.0
 
-    def _reading(self) -> float:
-        """The three parts from the memories as they are; the integral carries the bias."""
-        state, gains = self.state, self._gains
-        if self._origin is None:
-            return 0.0
-        state.proportional = gains.kp * self._weighted_error
-        state.integral = gains.ki * self._integral_bank.read(self._integral_reading) + self._bias
-        state.derivative = gains.kd * self._derivative_bank.read(self._derivative_reading)
-        return state.proportional + state.integral + state.derivative
+    def _read(self, integral: float, derivative: float) -> None:
+        state = self.state
+        state.proportional = self._kp * (state.error - self._off_proportional * (state.setpoint - self._origin))
+        state.integral = self._ki * integral + self._bias
+        state.derivative = self._kd * derivative
+
+    def _take_up(self, step: float) -> None:
+        """The integral goes on from ``step`` higher."""
+        self._bias += step
+        self.state.integral += step
 
     def _limit(self, wanted: float, last: float) -> float:
-        settings = self._settings
-        limited = min(max(wanted, settings.control_min), settings.control_max)
-        largest = settings.control_rate_max * settings.sample_time
-        return min(max(limited, last - largest), last + largest)
+        limited = _limited(wanted, self._low, self._high)
+        return _limited(limited, last - self._furthest, last + self._furthest)
 
 
-def _tracking_gain(settings: ControllerSettings, after_one_tick: float) -> float:
-    """What back-calculation adds to the integral's input per unit of excess control.
-
-    1 / (ki tracking_time^lam), but no more than takes half of the excess back in one tick: beyond that the
-    correction would overshoot from tick to tick. ``after_one_tick`` is the integral of a unit input then.
-    """
-    gains = settings.gains
-    if settings.antiwindup != "back_calculation" or gains.ki == 0.0 or gains.lam == 0.0:
-        return 0.0
-    scale = settings.tracking_time**gains.lam if settings.tracking_time else abs(gains.kp / gains.ki) or 1.0
-    per_excess = max(abs(gains.ki) * scale, 2.0 * abs(gains.ki) * after_one_tick)
-    return math.copysign(1.0 / per_excess, gains.ki) if per_excess > 1e-300 else 0.0
+def _limited(value: float, low: float, high: float) -> float:
+    return low if value < low else high if value > high else value
 
 
-def with_gains(settings: ControllerSettings, gains: Fopid) -> ControllerSettings:
-    """The same settings with other gains."""
-    return replace(settings, gains=gains)
+def _refused(**signals: float) -> InputError:
+    given = ", ".join(f"{name} = {value}" for name, value in signals.items())
+    return InputError(f"{given}; allowed: finite numbers, {LOWEST:g} to {LARGEST:g}")

@@ -1,14 +1,14 @@
-"""Fractional powers of s at run time: one bank of first-order lags, read by weights.
+"""Fractional powers of s as weights: one bank of first-order lags, read for any order.
 
-On a band of frequencies s^-a with 0 < a < 1 is a weighted sum of lags 1/(s + p) with fixed,
-logarithmically spaced poles p, an integrator and a direct term; only the weights depend on a. The bank
-therefore keeps its memory when the orders change: new numbers change how it is read, not what it holds.
+On a band of frequencies s^-a with 0 < a < 1 is a weighted sum of lags 1/(s + p) with fixed, logarithmically
+spaced poles p, an integrator and a direct term; only the weights depend on a. What the lags remember is therefore
+good for every order: new numbers change how it is read, not what it holds.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -19,7 +19,7 @@ from fopid_core.errors import InputError
 Vector = NDArray[np.float64]
 
 DECADES = 6.0  # width of the default band
-DEFAULT_POLES = 14  # on six decades: 0.008 dB and 0.09 deg from the ideal, edge to edge
+POLES_PER_DECADE = 2.0  # and two more: 0.02 dB and 0.11 deg from the ideal at most, edge to edge, on any band
 _EDGE = 3.0  # the poles reach this far beyond the band, so that its edges are as good as its middle
 _SLOW = 300.0  # one further pole this far below the band stands for 1/s where an integrator may not
 _POINTS_PER_DECADE = 40  # of the fit
@@ -39,7 +39,7 @@ class Band:
 
     low: float
     high: float
-    poles: int = DEFAULT_POLES
+    poles: int = 14
 
     def __post_init__(self) -> None:
         if not 0 < self.low < self.high < math.inf:
@@ -48,10 +48,29 @@ class Band:
             raise InputError(f"band.poles = {self.poles}; allowed: 2 to 60")
 
     @staticmethod
-    def for_sample_time(sample_time: float) -> Band:
-        """Six decades below the Nyquist frequency: at 10 ms, time scales up to an hour."""
+    def for_sample_time(sample_time: float, horizon: float = 0.0) -> Band:
+        """From the Nyquist frequency down to 1/horizon, with as many poles as that takes.
+
+        Parameters
+        ----------
+        sample_time : float
+            Time between ticks [s].
+        horizon : float
+            Longest time scale that matters [s]; 0 for six decades: at 10 ms, time scales up to an hour.
+
+        Examples
+        --------
+        >>> Band.for_sample_time(0.01).poles, Band.for_sample_time(0.01, horizon=50.0).poles
+        (14, 11)
+        """
         nyquist = math.pi / sample_time
-        return Band(low=nyquist / 10**DECADES, high=nyquist)
+        if horizon == 0.0:
+            horizon = 10**DECADES / nyquist
+        if not 10.0 * sample_time <= horizon <= 1e9 * sample_time:
+            allowed = f"{10.0 * sample_time:g} to {1e9 * sample_time:g} at this sample time, 0 chooses [s]"
+            raise InputError(f"horizon = {horizon}; allowed: {allowed}")
+        decades = math.log10(nyquist * horizon)
+        return Band(low=1.0 / horizon, high=nyquist, poles=2 + math.ceil(POLES_PER_DECADE * decades - 1e-9))
 
     def lag_poles(self) -> Vector:
         """Poles p [rad/s] of the lags, slowest first; the first one lies far below the band."""
@@ -60,65 +79,68 @@ class Band:
 
 
 @dataclass(frozen=True)
-class Reading:
-    """How a fractional operator is read from the bank's memory of its input v.
-
-    The operator's output is ``integrator * (1/s) v + lags @ x + direct * v + slope * v' + curvature * v''``
-    where x are the lags' outputs.
-    """
+class IntegralReading:
+    """s^-lam v = integrator * (1/s) v + lags @ [1/(s + p) v] + direct * v."""
 
     integrator: float
     lags: Vector
     direct: float
-    slope: float = 0.0
-    curvature: float = 0.0
+
+
+@dataclass(frozen=True)
+class DerivativeReading:
+    """s^mu v = washouts @ [s/(s + p) v] + direct * v + slope * v' + curvature * v''."""
+
+    washouts: Vector
+    direct: float
+    slope: float
+    curvature: float
 
 
 @lru_cache(maxsize=256)
-def integral_reading(band: Band, order: float) -> Reading:
+def integral_reading(band: Band, order: float) -> IntegralReading:
     """The reading that makes s^-order, with 0 <= order <= 2.
 
     A true integrator stays in it for every order above zero, so that no steady-state error is left.
 
     Examples
     --------
-    >>> integral_reading(Band(1e-3, 1e3), 1.0).integrator
+    >>> integral_reading(Band(1e-3, 1e3, 14), 1.0).integrator
     1.0
     """
     none = np.zeros(band.poles + 1)
     if order == 0.0:
-        return Reading(0.0, none, 1.0)
+        return IntegralReading(0.0, none, 1.0)
     if order < 1.0:
-        integrator, lags, direct = _fit(band, order, integrator=True)
-        return Reading(integrator, lags, direct)
+        return IntegralReading(*_fit(band, order, integrator=True))
     if order == 1.0:
-        return Reading(1.0, none, 0.0)
+        return IntegralReading(1.0, none, 0.0)
     # s^-order = 1/s * s^-(order-1), and 1/s * 1/(s+p) = (1/s - 1/(s+p)) / p
     _, lags, direct = _fit(band, order - 1.0, integrator=False)
     over_poles = lags / band.lag_poles()
-    return Reading(float(over_poles.sum()) + direct, -over_poles, 0.0)
+    return IntegralReading(float(over_poles.sum()) + direct, -over_poles, 0.0)
 
 
 @lru_cache(maxsize=256)
-def derivative_reading(band: Band, order: float) -> Reading:
+def derivative_reading(band: Band, order: float) -> DerivativeReading:
     """The reading that makes s^order, with 0 <= order <= 2.
 
     Examples
     --------
-    >>> derivative_reading(Band(1e-3, 1e3), 1.0).slope
+    >>> derivative_reading(Band(1e-3, 1e3, 14), 1.0).slope
     1.0
     """
-    none = np.zeros(band.poles + 1)
     if order in (0.0, 1.0, 2.0):
-        return Reading(0.0, none, float(order == 0.0), float(order == 1.0), float(order == 2.0))
-    p = band.lag_poles()
+        return DerivativeReading(
+            np.zeros(band.poles + 1), float(order == 0.0), float(order == 1.0), float(order == 2.0)
+        )
     if order < 1.0:
-        # s * (c/s + sum w/(s+p) + d) = c + sum w (1 - p/(s+p)) + d s
+        # s * (c/s + sum w/(s+p) + d) = c + sum w s/(s+p) + d s
         c, w, d = _fit(band, 1.0 - order, integrator=True)
-        return Reading(0.0, -w * p, c + float(w.sum()), d)
-    # s^2 * (c/s + sum w/(s+p) + d) = c s + sum w (s - p + p^2/(s+p)) + d s^2
+        return DerivativeReading(w, c, d, 0.0)
+    # s^2 * (c/s + sum w/(s+p) + d) = c s + sum w (s - p s/(s+p)) + d s^2
     c, w, d = _fit(band, 2.0 - order, integrator=True)
-    return Reading(0.0, w * p**2, -float((w * p).sum()), c + float(w.sum()), d)
+    return DerivativeReading(-w * band.lag_poles(), 0.0, c + float(w.sum()), d)
 
 
 def _fit(band: Band, a: float, *, integrator: bool) -> tuple[float, Vector, float]:
@@ -136,72 +158,3 @@ def _fit(band: Band, a: float, *, integrator: bool) -> tuple[float, Vector, floa
     weights = np.linalg.lstsq(system / scale, target, rcond=1e-13)[0] / scale
     lags = np.concatenate([[0.0 if integrator else weights[0]], weights[1:-1]])
     return (float(weights[0]) if integrator else 0.0), lags, float(weights[-1])
-
-
-class FilterBank:
-    """Lags, integrator and differences of one signal, exact for a signal that is linear between samples.
-
-    Constant work and memory per tick.
-
-    Parameters
-    ----------
-    band : Band
-    sample_time : float
-        Time between ticks [s].
-    """
-
-    def __init__(self, band: Band, sample_time: float) -> None:
-        p = band.lag_poles()
-        ph = p * sample_time
-        hold = -np.expm1(-ph) / p  # response to a unit step after one sample
-        self._sample_time = sample_time
-        self._decay = np.exp(-ph)
-        # The lags x obey x_k = decay x_(k-1) + (hold - from_new) v_(k-1) + from_new v_k. What is kept is
-        # z_k = x_k - from_new v_k, which one multiplication and one addition carry on.
-        self._from_new = _ramp_share(ph) * sample_time
-        self._from_last = hold - self._from_new + self._decay * self._from_new
-        self._hold = hold
-        self._kept = np.zeros_like(p)
-        self._scratch = np.zeros_like(p)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything: the input has always been zero."""
-        self._kept[:] = 0.0
-        self._integral = self._value = self._slope = self._curvature = 0.0
-
-    def push(self, value: float) -> None:
-        """Take the input's next sample."""
-        self._kept *= self._decay
-        np.multiply(self._from_last, self._value, out=self._scratch)
-        self._kept += self._scratch
-        self._integral += 0.5 * self._sample_time * (self._value + value)
-        slope = (value - self._value) / self._sample_time
-        self._curvature = (slope - self._slope) / self._sample_time
-        self._slope, self._value = slope, value
-
-    def bound(self, reading: Reading) -> Reading:
-        """The reading for what this bank keeps; what ``read`` takes."""
-        return replace(reading, direct=reading.direct + float(reading.lags @ self._from_new))
-
-    def read(self, bound: Reading) -> float:
-        """The operator's output now."""
-        return (
-            bound.integrator * self._integral
-            + float(bound.lags.dot(self._kept))
-            + bound.direct * self._value
-            + bound.slope * self._slope
-            + bound.curvature * self._curvature
-        )
-
-    def after_one_tick(self, reading: Reading) -> float:
-        """What an integral's output is one sample time after a unit step."""
-        return reading.integrator * self._sample_time + float(reading.lags @ self._hold) + reading.direct
-
-
-def _ramp_share(ph: Vector) -> Vector:
-    """(ph - 1 + exp(-ph)) / ph^2: what a lag keeps, per sample time, of an input that ramps from 0 to 1."""
-    small = ph < 1e-3
-    safe = np.where(small, 1.0, ph)
-    series = 0.5 - ph / 6.0 + ph**2 / 24.0
-    return np.where(small, series, (safe + np.expm1(-safe)) / safe**2)

@@ -1,0 +1,75 @@
+"""Anti-windup: what the controller remembers while its control is limited.
+
+Conditioning (Hanus, Kinnaert and Henrotte 1987): the controller remembers not the error but the realisable error,
+the one for which the control would just not have been limited. With u = D e + (what is remembered), D the instant
+gain, this is e + (limited - unlimited) / D. All lags take it in, those of the derivative too, so that nothing winds
+up and what is remembered stays the memory of one error, for whatever orders come next.
+
+The realisable error obeys the inverse of the controller. Where that is not stable (orders with lam + mu well above 2
+and a small kp, or gains of both signs) only the integral takes a correction in, as in the books:
+(limited - unlimited) / (ki tracking_time^lam).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from fopid_core.model.fopid import Fopid
+from fopid_core.runtime.filter_bank import Vector
+from fopid_core.runtime.operators import Operators
+
+_LOUDEST = 3.0  # echo of an excess, ticks later; of a derivative above 1 the next tick alone brings up to 2
+_DOUBLINGS = 20  # a million ticks
+
+
+def instant_gain(operators: Operators, gains: Fopid) -> float:
+    """Control per unit of error at the same tick; never so little that taking it back would overshoot."""
+    gain = gains.kp + gains.ki * operators.matrix[-2, -2] + gains.kd * operators.matrix[-1, -1]
+    least = abs(gains.ki) * operators.integral_after_one_tick()
+    return float(gain) if abs(gain) >= least else math.copysign(least, gains.ki)
+
+
+def conditioning(operators: Operators, gains: Fopid) -> Vector | None:
+    """What a unit of limited less unlimited control adds to what is remembered, shape (size,).
+
+    None where the inverse of the controller is not stable, and where there is no integral to unwind.
+    """
+    n, matrix, gain = operators.size, operators.matrix, instant_gain(operators, gains)
+    three = (gains.kp, gains.ki, gains.kd)
+    if gains.ki == 0.0 or min(three) < 0.0 < max(three):
+        return None
+    of_error = np.asarray((matrix[:n, -2] + matrix[:n, -1]) / gain)
+    return of_error if _dies_away(operators, gains, matrix[:, :n] @ of_error) else None
+
+
+def tracking_gain(operators: Operators, gains: Fopid, tracking_time: float) -> float:
+    """What the integral's input gets per unit of limited less unlimited control.
+
+    1 / (ki tracking_time^lam), but no more than takes half of the excess back in one tick, and no more than makes it
+    die away: beyond that the correction would overshoot from tick to tick. 0 stands for (kp/ki)^(1/lam).
+    """
+    ki, lam = gains.ki, gains.lam
+    if ki == 0.0 or lam == 0.0:
+        return 0.0
+    scale = tracking_time**lam if tracking_time else abs(gains.kp / ki) or 1.0
+    per_excess = max(abs(ki) * scale, 2.0 * abs(ki) * operators.integral_after_one_tick())
+    gain = math.copysign(1.0 / per_excess, ki) if per_excess > 1e-300 else 0.0
+    while gain and not _dies_away(operators, gains, gain * operators.matrix[:, -2]):
+        gain *= 0.5
+    return gain
+
+
+def _dies_away(operators: Operators, gains: Fopid, taken_in: Vector) -> bool:
+    """Whether an excess that is taken in so (a column of the operators' matrix) does not come back ever louder."""
+    n = operators.size
+    reading = np.array([gains.ki, gains.kd])
+    echo = np.zeros((n + 1, n + 1))  # on what is remembered and the excess, from tick to tick
+    echo[:n, :n], echo[:n, n] = operators.matrix[:n, :n], taken_in[:n]
+    echo[n, :n], echo[n, n] = -reading @ operators.matrix[-2:, :n], -reading @ taken_in[-2:]
+    for _ in range(_DOUBLINGS):
+        if not abs(echo[n, n]) <= _LOUDEST:
+            return False
+        echo = echo @ echo
+    return bool(abs(echo[n, n]) < 0.5)

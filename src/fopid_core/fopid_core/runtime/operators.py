@@ -1,0 +1,181 @@
+"""s^-lam of one signal and s^mu of another, sample by sample: one matrix times one vector per tick.
+
+Both signals are taken as linear between samples, for which every lag is discretised exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopid_core.runtime.filter_bank import Band, DerivativeReading, IntegralReading, Vector
+
+Matrix = NDArray[np.float64]
+
+TINY = 1e-150  # what is smaller counts as nothing
+_TICKS_BETWEEN_SWEEPS = 1024
+
+
+class Operators:
+    """What the controller remembers of its signals, and how that is read.
+
+    Remembered of the integrated signal v: its lags, its area and its last value. Of the differentiated signal w: the
+    washouts s/(s + p) w, value, slope and curvature, all of them behind its filter, and its last value before the
+    filter. One product carries all that on and reads it:
+
+        [remembered; 0; integral; derivative]  <-  matrix @ [remembered; correction; new v; new w]
+
+    Constant work and memory per tick.
+
+    Parameters
+    ----------
+    band : Band
+    sample_time : float
+        Time between ticks [s].
+    filter_time : float
+        Time constant of the lag before the derivative [s]; 0 for none.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (size + 3, size + 3)
+        The first ``size`` rows carry on what is remembered.
+    integrated : int
+        How much of what is remembered is of the integrated signal; it comes first.
+
+    Examples
+    --------
+    >>> from fopid_core.runtime.filter_bank import derivative_reading, integral_reading
+    >>> band = Band(1e-2, 1e2, 10)
+    >>> operators = Operators(band, sample_time=0.5)
+    >>> operators.read_by(integral_reading(band, 1.0), derivative_reading(band, 1.0))
+    >>> operators.push(2.0, 3.0)
+    [0.5, 6.0]
+    """
+
+    def __init__(self, band: Band, sample_time: float, filter_time: float = 0.0) -> None:
+        integral = _integrated(band, sample_time)
+        derivative = _differentiated(band, sample_time, _filter_weights(sample_time, filter_time))
+        n, m = len(integral), len(derivative)
+        self.integrated, self.size = n, n + m
+        self.matrix = np.zeros((n + m + 3, n + m + 3), order="F")
+        self.matrix[:n, :n], self.matrix[:n, -2] = integral[:, :n], integral[:, n]
+        self.matrix[n:-3, n:-3], self.matrix[n:-3, -1] = derivative[:, :m], derivative[:, m]
+        self._multiply: Callable[[Vector, Vector], object] = self.matrix.dot
+        self._readings = np.zeros((2, n + m))
+        self._correction = np.zeros(n + m)
+        self._now, self._next = np.zeros(n + m + 3), np.zeros(n + m + 3)
+        self._outputs, self._next_outputs = self._now[-2:], self._next[-2:]
+        self._ticks = 0
+
+    def reset(self) -> None:
+        """Forget everything: both signals have always been zero."""
+        self._now[:] = 0.0
+
+    def take_over(self, other: Operators) -> float:
+        """Remember what another one with the same band does, with the filter at rest.
+
+        Returns
+        -------
+        float
+            By how much the differentiated signal must be lower from now on to go on from there.
+        """
+        self._now[:] = other._now
+        before, after = self._now[self.size - 1], self._now[self.size - 4]
+        self._now[self.size - 1] = after
+        return float(before - after)
+
+    def read_by(self, integral: IntegralReading, derivative: DerivativeReading) -> None:
+        """Read by these from now on; what is remembered stays."""
+        n = self.integrated
+        self._readings[0, :n] = [*integral.lags, integral.integrator, integral.direct]
+        self._readings[1, n:-1] = [*derivative.washouts, derivative.direct, derivative.slope, derivative.curvature]
+        self.matrix[-2:] = self._readings @ self.matrix[: self.size]
+
+    def correct_by(self, correction: Vector) -> None:
+        """What a unit of correction adds to what is remembered, shape (size,)."""
+        self._correction = correction
+        self.matrix[:, -3] = self.matrix[:, : self.size] @ correction
+
+    def read(self) -> list[float]:
+        """Integral and derivative now."""
+        return (self._readings @ self._now[: self.size]).tolist()  # type: ignore[no-any-return]
+
+    def correct(self, amount: float) -> None:
+        """Correct what is remembered, without a tick."""
+        self._now[: self.size] += amount * self._correction
+
+    def push(self, integrated: float, differentiated: float, correction: float = 0.0) -> list[float]:
+        """Correct what is remembered, take the next sample of both signals; return integral and derivative."""
+        now, after = self._now, self._next
+        now[-2], now[-1] = integrated, differentiated
+        if correction:
+            now[-3] = correction
+        self._multiply(now, after)
+        self._now, self._next = after, now
+        self._outputs, self._next_outputs = self._next_outputs, self._outputs
+        self._ticks += 1
+        if self._ticks == _TICKS_BETWEEN_SWEEPS:
+            self._sweep()
+        return self._outputs.tolist()  # type: ignore[no-any-return]
+
+    def integral_after_one_tick(self) -> float:
+        """What the integral is one sample after a unit step."""
+        n = self.integrated
+        held = self.matrix[:n, n - 1] + self.matrix[:n, -2]
+        return float(self._readings[0, :n] @ held)
+
+    def _sweep(self) -> None:
+        """What has decayed to nothing becomes zero: numbers near 1e-308 would slow every product down."""
+        self._now[np.abs(self._now) < TINY] = 0.0
+        self._ticks = 0
+
+
+def _integrated(band: Band, h: float) -> Matrix:
+    """[lags, area, value] after a tick, as a matrix on [lags, area, value, new value]."""
+    p = band.lag_poles()
+    n = len(p)
+    from_new = _ramp_share(p * h) * h
+    matrix = np.zeros((n + 2, n + 3))
+    matrix[:n, :n] = np.diag(np.exp(-p * h))
+    matrix[:n, n + 1] = -np.expm1(-p * h) / p - from_new
+    matrix[:n, n + 2] = from_new
+    matrix[n, n:] = 1.0, 0.5 * h, 0.5 * h
+    matrix[n + 1, n + 2] = 1.0
+    return matrix
+
+
+def _differentiated(band: Band, h: float, filter_weights: tuple[float, float, float]) -> Matrix:
+    """[washouts, value, slope, curvature, unfiltered] after a tick, as a matrix on the same and the new value."""
+    p = band.lag_poles()
+    n = len(p)
+    decay, from_last, from_new = filter_weights
+    value = np.array([decay, 0.0, 0.0, from_last, from_new])
+    slope = (value - [1.0, 0.0, 0.0, 0.0, 0.0]) / h
+    matrix = np.zeros((n + 4, n + 5))
+    matrix[:n, :n] = np.diag(np.exp(-p * h))
+    matrix[:n, n:] = np.outer(-np.expm1(-p * h) / p, slope)  # a washout of w is a lag of w', constant between samples
+    matrix[n, n:] = value
+    matrix[n + 1, n:] = slope
+    matrix[n + 2, n:] = (slope - [0.0, 1.0, 0.0, 0.0, 0.0]) / h
+    matrix[n + 3, n + 4] = 1.0
+    return matrix
+
+
+def _filter_weights(h: float, filter_time: float) -> tuple[float, float, float]:
+    """Of a first-order lag's last output, last input and new input."""
+    if filter_time == 0.0:
+        return 0.0, 0.0, 1.0
+    ratio = h / filter_time
+    decay, from_new = math.exp(-ratio), ratio * float(_ramp_share(np.array([ratio]))[0])
+    return decay, 1.0 - decay - from_new, from_new
+
+
+def _ramp_share(ph: Vector) -> Vector:
+    """(ph - 1 + exp(-ph)) / ph^2: what a lag keeps, per sample time, of an input that ramps from 0 to 1."""
+    small = ph < 1e-3
+    safe = np.where(small, 1.0, ph)
+    series = 0.5 - ph / 6.0 + ph**2 / 24.0
+    return np.where(small, series, (safe + np.expm1(-safe)) / safe**2)
