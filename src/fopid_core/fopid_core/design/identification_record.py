@@ -1,0 +1,103 @@
+"""The signals that a process is learnt from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopid_core.errors import InputError
+from fopid_core.model.arrays import Booleans, Floats
+
+FEWEST_SAMPLES = 30
+REGULAR = 1e-3
+"""Samples are evenly spaced when none is further from its place than this share of the sample time."""
+_BLOCKS, _EVERY = 50, 5
+"""The record is cut into so many blocks; every fifth is held back to judge the fit."""
+
+
+def held_back(samples: int) -> Booleans:
+    """Which samples judge the fit and take no part in it: ten stretches, each a fiftieth of the record."""
+    return np.asarray(np.arange(samples) * _BLOCKS // samples % _EVERY == _EVERY // 2)
+
+
+@dataclass(frozen=True)
+class Record:
+    """Signals of one run, open or closed loop; all arrays have shape (n,).
+
+    Attributes
+    ----------
+    time : ndarray
+        Instants [s], ascending, at any distances.
+    control : ndarray
+        The control from each instant on, held until the next.
+    measurement : ndarray
+        The measurement at each instant, before the control of that instant acts.
+    setpoint : ndarray, optional
+        Kept for those who want it; the fit needs control and measurement only.
+    control_before : float, optional
+        The control at which the process rested before the first instant, where that is known.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 5.0, 0.1)
+    >>> Record(time, np.ones(50), 1.0 - np.exp(-time), control_before=0.0).sample_time
+    0.1
+    """
+
+    time: Floats
+    control: Floats
+    measurement: Floats
+    setpoint: Floats | None = None
+    control_before: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("time", "control", "measurement", "setpoint"):
+            if getattr(self, name) is not None:
+                self._take(name)
+        if self.time.size < FEWEST_SAMPLES:
+            raise InputError(f"record of {self.time.size} samples; allowed: {FEWEST_SAMPLES} or more, record longer")
+        behind = np.flatnonzero(np.diff(self.time) <= 0.0)
+        if behind.size:
+            raise InputError(f"time = {self.time[behind[0] + 1]:g} at row {behind[0] + 2}; allowed: ascending times")
+
+    def _take(self, name: str) -> None:
+        values = np.asarray(getattr(self, name), dtype=np.float64)
+        if values.ndim != 1 or values.shape != np.shape(self.time):
+            raise InputError(f"{name} of shape {values.shape}; allowed: one number for each of the instants")
+        wrong = np.flatnonzero(~np.isfinite(values))
+        if wrong.size:
+            raise InputError(f"{name} = {values[wrong[0]]} at row {wrong[0] + 1}; allowed: finite numbers")
+        object.__setattr__(self, name, values)
+
+    @property
+    def span(self) -> float:
+        """From the first to the last instant [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def sample_time(self) -> float:
+        """The mean distance of two instants [s], to nine digits."""
+        return float(f"{self.span / (self.time.size - 1):.9g}")
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether the instants are evenly spaced."""
+        even = np.linspace(self.time[0], self.time[-1], self.time.size)
+        return bool(np.abs(self.time - even).max() < REGULAR * self.sample_time)
+
+    def averaged(self, most: int) -> tuple[Floats, Floats]:
+        """Instants and measurements, of blocks of samples where there are more than ``most`` samples."""
+        each = -(-self.time.size // most)
+        if each == 1:
+            return self.time, self.measurement
+        starts = np.arange(0, self.time.size, each)
+        counts = np.diff(np.append(starts, self.time.size))
+        return np.add.reduceat(self.time, starts) / counts, np.add.reduceat(self.measurement, starts) / counts
+
+    def part(self, first: float, last: float) -> Record:
+        """The samples from one instant to another [s]."""
+        inside = (self.time >= first) & (self.time <= last)
+        setpoint = None if self.setpoint is None else self.setpoint[inside]
+        before = self.control_before if inside[0] else None
+        return Record(self.time[inside], self.control[inside], self.measurement[inside], setpoint, before)

@@ -1,0 +1,247 @@
+"""Tuning on a learnt process: verified on all that the record leaves possible, and more cautious where that fails."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from fopid_core.design.defaults import MS_MAX, PHASE_MARGIN, U_MAX, natural_crossover
+from fopid_core.design.identification import LEAST_FIT, MOST_DEVIATION, IdentificationResult, IdentifiedModel
+from fopid_core.design.specification import Clock, TuningRequest, TuningResult, require
+from fopid_core.design.tuner import tune
+from fopid_core.errors import InputError
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
+from fopid_core.model.margins import margins
+from fopid_core.model.process import Process
+from fopid_core.model.quasipolynomial import QuasiPolynomial
+from fopid_core.model.stability import process_stability, stability
+
+PLAUSIBLE = 1.5
+"""Other templates count as possible while their held-back error is at most so many times the best one's, and their
+residual is as white."""
+CAUTION = (0.7, 0.5, 0.35, 0.2)
+"""Shares of the first crossover that are tried in turn, or of what the bound on max |S| has above 1."""
+UNSEEN = 10.0
+"""A steady-state gain that is so many times the gain at the crossover is that of a process that integrates."""
+FASTEST = 0.2
+"""Largest crossover of a controller over its sample time [rad]."""
+
+
+@dataclass(frozen=True)
+class RobustLimits:
+    """What must hold on every process that the record leaves possible.
+
+    Attributes
+    ----------
+    ms_max : float
+        Bound on max |S|.
+    phase_margin_min : float
+        [rad]
+    samples : int
+        How many processes are drawn from the covariance.
+    seed : int
+        Of the draw.
+    """
+
+    ms_max: float = 2.2
+    phase_margin_min: float = math.radians(30.0)
+    samples: int = 50
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        require(self.ms_max > 1.0, "ms_max", self.ms_max, "above 1")
+        require(0 <= self.phase_margin_min < math.pi, "phase_margin_min", self.phase_margin_min, "0 to pi rad")
+        require(self.samples >= 1, "samples", self.samples, "1 or more")
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """What a controller does on many processes.
+
+    Attributes
+    ----------
+    met : bool
+        Whether all are stable and within the limits.
+    stable : int
+        On how many of them the loop is stable.
+    count : int
+    ms, phase_margin : float
+        The worst of the stable ones; [rad].
+    worst : Process
+        An unstable one, or else that with the largest max |S|.
+    """
+
+    met: bool
+    stable: int
+    count: int
+    ms: float
+    phase_margin: float
+    worst: Process
+
+    def __str__(self) -> str:
+        if self.stable < self.count:
+            return f"unstable on {self.count - self.stable} of {self.count} possible processes, such as {self.worst}"
+        worst = f"worst max |S| {self.ms:.3g}, phase margin {math.degrees(self.phase_margin):.3g} deg"
+        return f"stable on all {self.count} possible processes, {worst}"
+
+
+@dataclass(frozen=True)
+class RobustTuning:
+    """The outcome of a tuning on a learnt process.
+
+    Attributes
+    ----------
+    success : bool
+        A design was found that is within the limits on every possible process.
+    message : str
+        One line: what was found and verified, or why nothing is handed out.
+    tuning : TuningResult or None
+        The last design that was tried; to be applied only with ``success``.
+    robustness : Robustness or None
+        Of that design.
+    attempts : int
+    elapsed : float
+        [s]
+    """
+
+    success: bool
+    message: str
+    tuning: TuningResult | None
+    robustness: Robustness | None
+    attempts: int
+    elapsed: float
+
+
+def robustness(controller: Fopid, processes: Sequence[Process], limits: RobustLimits) -> Robustness:
+    """What a controller does on many processes.
+
+    Examples
+    --------
+    >>> pair = [Process.parse("1/(s+1)^3"), Process.parse("4/(s+1)^3")]
+    >>> str(robustness(Fopid(kp=1.0), pair[:1], RobustLimits()))
+    'stable on all 1 possible processes, worst max |S| 1.29, phase margin inf deg'
+    >>> robustness(Fopid(kp=2.5), pair, RobustLimits()).stable
+    1
+    """
+    loops = [Loop(process, controller) for process in processes]
+    unstable = [loop.process for loop in loops if not stability(loop).stable]
+    found = [margins(loop) for loop in loops if loop.process not in unstable]
+    ms = [margin.ms for margin in found]
+    phase_margin = min((abs(margin.phase_margin) for margin in found), default=0.0)
+    within = max(ms, default=math.inf) <= limits.ms_max and phase_margin >= limits.phase_margin_min
+    steady = [loop.process for loop in loops if loop.process not in unstable]
+    worst = unstable[0] if unstable else steady[ms.index(max(ms))]
+    return Robustness(not unstable and within, len(found), len(loops), max(ms, default=math.inf), phase_margin, worst)
+
+
+def possible_processes(identified: IdentificationResult, limits: RobustLimits, hold: float) -> tuple[Process, ...]:
+    """The best model, draws from its covariance, and the models of other templates that explain about as much.
+
+    Each as a controller sees it that holds its signal for ``hold`` [s]: behind two quick lags, together half as long.
+    """
+    best = identified.best
+    if best is None:
+        raise InputError("identification without a model; allowed: one that succeeded")
+    least = 100.0 - best.fit_pct
+    others = [
+        model.process
+        for model in identified.models
+        if 100.0 - model.fit_pct <= PLAUSIBLE * least
+        and (model.whiteness.white or not best.whiteness.white)
+        and model.fit_pct >= LEAST_FIT
+        and model.deviation <= MOST_DEVIATION
+        and process_stability(model.process).stable
+    ]
+    drawn = best.sample(limits.samples, limits.seed)
+    lag = QuasiPolynomial.polynomial([0.25 * hold, 1.0])
+    held = Process(QuasiPolynomial.constant(1.0), lag**2)
+    return tuple(process * held for process in (best.process, *drawn, *others))
+
+
+def tune_robustly(
+    identified: IdentificationResult,
+    request: TuningRequest | None = None,
+    limits: RobustLimits | None = None,
+    clock: Clock = time.perf_counter,
+) -> RobustTuning:
+    """A design on a learnt process that holds on all that the record leaves possible, or a refusal.
+
+    Parameters
+    ----------
+    identified : IdentificationResult
+    request : TuningRequest, optional
+        What is asked for; its process gives way to the learnt one. By default a phase margin of 60 degrees, the
+        crossover chosen from the process.
+    limits : RobustLimits, optional
+    clock : callable
+        Gives the time [s].
+    """
+    begun = clock()
+    if not identified.success or identified.best is None:
+        return RobustTuning(False, identified.message, None, None, 0, clock() - begun)
+    limits = limits or RobustLimits()
+    wished = request or TuningRequest(identified.best.process)
+    wished = replace(wished, process=identified.best.process)
+    processes = possible_processes(identified, limits, wished.sample_time)
+    waiting, attempts = [_within_reach(wished, identified.best)], 0
+    tuning, judged = None, None
+    while waiting:
+        careful = waiting.pop(0)
+        tuning = tune(careful)
+        attempts += 1
+        if attempts == 1:
+            waiting = _more_careful(careful, tuning, identified.best.crossover)
+        if not tuning.success or tuning.controller is None:
+            continue
+        judged = robustness(tuning.controller, processes, limits)
+        if judged.met:
+            message = f"{tuning.message}; {judged}"
+            return RobustTuning(True, message, tuning, judged, attempts, clock() - begun)
+    message = _refusal(tuning, judged, attempts, limits)
+    return RobustTuning(False, message, tuning, judged, attempts, clock() - begun)
+
+
+def _within_reach(request: TuningRequest, best: IdentifiedModel) -> TuningRequest:
+    """The request, no faster than the sample time allows and the process is known."""
+    request = _bounded(request, best)
+    if request.method != "frequency":
+        return request
+    fastest = min(best.crossover, FASTEST / request.sample_time)
+    if request.crossover is None:
+        natural = natural_crossover(best.process, request.phase_margin or PHASE_MARGIN)
+        return request if natural <= fastest else replace(request, crossover=fastest)
+    return replace(request, crossover=min(request.crossover, FASTEST / request.sample_time))
+
+
+def _bounded(request: TuningRequest, best: IdentifiedModel) -> TuningRequest:
+    """With a bound on the control that does not rest on a steady-state gain which the record has not shown."""
+    at_work = abs(complex(best.process(1j * best.crossover)))
+    if request.u_max is not None or abs(best.process.steady_state_gain) < UNSEEN * at_work:
+        return request
+    return replace(request, u_max=U_MAX / at_work)
+
+
+def _more_careful(request: TuningRequest, first: TuningResult, crossover: float) -> list[TuningRequest]:
+    """The request with less crossover than the first design, or with a tighter bound on max |S|."""
+    if request.method == "frequency":
+        from_here = request.crossover or (first.achieved.crossover if first.achieved else crossover)
+        margin = request.phase_margin or PHASE_MARGIN
+        return [replace(request, phase_margin=margin, crossover=share * from_here) for share in CAUTION]
+    if request.method == "time":
+        room = (request.ms_max or MS_MAX) - 1.0
+        return [replace(request, ms_max=1.0 + share * room) for share in CAUTION]
+    return []
+
+
+def _refusal(tuning: TuningResult | None, judged: Robustness | None, attempts: int, limits: RobustLimits) -> str:
+    if judged is None:
+        why = "; ".join((*tuning.unmet, tuning.message)) if tuning else ""
+        return f"no design in {attempts} attempts: {why}"
+    asked = f"max |S| <= {limits.ms_max:g} and phase margin >= {math.degrees(limits.phase_margin_min):.3g} deg"
+    return (
+        f"no design in {attempts} attempts keeps {asked} on every process that the record leaves possible: {judged}; "
+        "record longer or with larger moves of the control"
+    )

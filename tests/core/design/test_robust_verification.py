@@ -1,0 +1,99 @@
+"""A design on a learnt process holds on all that the record leaves possible, or is not handed out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fopid_core.design.identification import IdentificationResult, identify
+from fopid_core.design.robust_verification import (
+    RobustLimits,
+    possible_processes,
+    robustness,
+    tune_robustly,
+)
+from fopid_core.design.specification import TuningRequest
+from fopid_core.errors import InputError
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import Process, read_process
+
+from .recorded import step_record
+
+LIMITS = RobustLimits(samples=20)
+
+
+@pytest.fixture(scope="module")
+def learnt() -> IdentificationResult:
+    return identify(step_record("P1", 20.0, 0.02, noise=0.02))
+
+
+def test_a_good_record_is_tuned_and_verified(learnt: IdentificationResult) -> None:
+    found = tune_robustly(learnt, limits=LIMITS)
+    assert found.success
+    assert found.tuning is not None
+    assert found.robustness is not None
+    assert found.robustness.stable == found.robustness.count > LIMITS.samples
+    assert found.robustness.ms <= LIMITS.ms_max
+    assert found.robustness.phase_margin >= LIMITS.phase_margin_min
+    assert "stable on all" in found.message
+
+
+@pytest.mark.parametrize("method", ["frequency", "time", "rule"])
+def test_every_method_of_tuning_can_be_asked_for(learnt: IdentificationResult, method: str) -> None:
+    request = TuningRequest(read_process("P4"), method=method, rule="simc-pi" if method == "rule" else None)
+    found = tune_robustly(learnt, request, LIMITS)
+    assert found.tuning is not None
+    assert found.tuning.method == method
+
+
+def test_a_crossover_that_is_too_much_for_the_limits_is_lowered(learnt: IdentificationResult) -> None:
+    eager = TuningRequest(read_process("P1"), phase_margin=math.radians(60.0), crossover=1.3)
+    strict = RobustLimits(ms_max=1.6, phase_margin_min=math.radians(35.0), samples=20)
+    found = tune_robustly(learnt, eager, strict)
+    assert found.success
+    assert found.attempts > 1
+    assert found.tuning is not None
+    assert found.tuning.achieved is not None
+    assert found.tuning.achieved.crossover < 1.0
+
+
+def test_limits_that_no_design_meets_are_refused_with_the_worst(learnt: IdentificationResult) -> None:
+    found = tune_robustly(learnt, limits=RobustLimits(ms_max=1.01, samples=5))
+    assert not found.success
+    assert found.attempts == 5
+    assert "worst max |S|" in found.message
+
+
+def test_an_identification_that_was_refused_is_not_tuned() -> None:
+    refused = identify(step_record("P1", 1.0, 0.01, noise=0.005))
+    found = tune_robustly(refused)
+    assert not found.success
+    assert (found.tuning, found.message) == (None, refused.message)
+
+
+def test_the_worst_is_what_the_textbook_says() -> None:
+    """k / (s+1)^3 with kp = 1: unstable from k = 8 on, and max |S| grows with k."""
+    family = [Process.parse(f"{k}/(s+1)^3") for k in (1, 4, 2)]
+    found = robustness(Fopid(kp=1.0), family, RobustLimits(ms_max=10.0, phase_margin_min=0.1))
+    w = np.logspace(-2, 2, 200_001)
+    peak = np.abs(1.0 / (1.0 + 4.0 / (1j * w + 1.0) ** 3)).max()
+    assert (found.met, found.stable, found.worst) == (True, 3, family[1])
+    assert found.ms == pytest.approx(peak, rel=1e-6)
+    unstable = robustness(Fopid(kp=1.0), [*family, Process.parse("9/(s+1)^3")], RobustLimits())
+    assert (unstable.met, unstable.stable) == (False, 3)
+    assert "unstable on 1 of 4" in str(unstable)
+
+
+def test_the_hold_of_the_controller_delays_by_half_its_sample_time(learnt: IdentificationResult) -> None:
+    assert learnt.best is not None
+    s = 0.5j
+    held = complex(possible_processes(learnt, LIMITS, hold=0.1)[0](s)) / complex(learnt.best.process(s))
+    assert np.angle(held) == pytest.approx(-0.5 * 0.5 * 0.1, rel=1e-3)
+
+
+@pytest.mark.parametrize("wrong", [{"ms_max": 1.0}, {"phase_margin_min": 4.0}, {"samples": 0}])
+def test_limits_that_make_no_sense_are_named(wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        RobustLimits(**wrong)  # type: ignore[arg-type]
