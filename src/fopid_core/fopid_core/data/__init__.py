@@ -15,8 +15,10 @@ def paper_tables() -> dict[str, Any]:
     Returns
     -------
     dict
-        ``processes``: the test bench as text. ``table1_table2``: reduced models. ``table3``: frequency-domain
-        designs. ``table4_to_7``: time-domain designs. ``notes``: what the printed figures are and where they err.
+        ``processes``: the test bench as text. ``specification``: the bounds of section 3.3 [dB] and [rad/s].
+        ``search_box`` and ``horizon`` [s]: of section 4. ``best_time_index``: the designs that section 5 compares.
+        ``table1_table2``: reduced models. ``table3``: frequency-domain designs. ``table4_to_7``: time-domain
+        designs. ``notes``: what the printed figures are and where they err.
         Beside the paper's figures stand ``exact`` ones and, for tables 4 to 7, those of first-order
         Gruenwald-Letnikov differences at 0.01 s.
 
