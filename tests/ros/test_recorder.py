@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import signal
 import subprocess
@@ -11,9 +12,12 @@ import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import ParameterEvent
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -23,10 +27,11 @@ from std_msgs.msg import Float64, Header
 import fopid_ros.recorder
 from fopid_core.errors import InputError
 from fopid_core.study.bag import read_bag
+from fopid_core.study.completeness import samples
 from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
 from fopid_ros.recorder import Recorder
 
-from .conftest import Graph
+from .conftest import BIN, Graph
 
 FAST_TOPICS = {"setpoint": ScalarStamped, "measurement": ScalarStamped, "state": FopidState, "/clock": Clock}
 
@@ -210,6 +215,85 @@ def test_what_was_published_before_is_recorded_where_the_qos_asks_for_it(graph: 
     graph.until(lambda: recorder.counts["/result"], "the early message")
     recorder.close()
     assert stored(tmp_path / "bag") == [("/result", 3_000_000_000)]
+
+
+def test_a_topic_is_described_as_its_publishers_offer_it(graph: Graph, tmp_path: Path) -> None:
+    latched = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    recorder = record(graph, tmp_path / "bag", {"a": ScalarStamped, "b": ScalarStamped, "silent": ScalarStamped})
+    publish(graph, recorder, "a", ScalarStamped(), qos=latched)
+    graph.node.create_publisher(ScalarStamped, "b", QoSProfile(depth=1))
+    graph.until(lambda: graph.node.count_publishers("b") == 1, "the first publisher")
+    publish(graph, recorder, "b", ScalarStamped(), qos=latched)
+    recorder.close()
+    for bag in (tmp_path / "bag", tmp_path / "bag" / "bag.mcap"):
+        with Reader(bag) as reader:
+            offered = {
+                c.topic: sorted(q.durability.name for q in c.ext.offered_qos_profiles) for c in reader.connections
+            }
+        assert offered == {"/a": ["TRANSIENT_LOCAL"], "/b": ["TRANSIENT_LOCAL", "VOLATILE"], "/silent": []}
+
+
+def test_in_simulated_time_wall_clock_stamps_are_logged_at_the_time_of_the_loop(graph: Graph, tmp_path: Path) -> None:
+    simulated = Parameter("use_sim_time", value=True)
+    node = Node("simulated", context=graph.context, parameter_overrides=[simulated])
+    graph.executor.add_node(node)
+    recorder = Recorder(node, tmp_path / "bag", {"a": ScalarStamped})
+    clock = graph.node.create_publisher(Clock, "/clock", 1)
+    graph.until(clock.get_subscription_count, "a subscriber of the clock")
+    clock.publish(Clock(clock=Time(sec=42)))
+    graph.until(lambda: node.get_clock().now().nanoseconds == 42 * 10**9, "the simulated time")
+    publish(graph, recorder, "a", ScalarStamped(header=Header(stamp=Time(sec=1_790_000_000))))
+    recorder.close()
+    assert stored(tmp_path / "bag") == [("/a", 42 * 10**9)]
+    graph.executor.remove_node(node)
+    node.destroy_node()
+
+
+def test_it_tells_how_far_all_of_some_topics_are_recorded(graph: Graph, tmp_path: Path) -> None:
+    recorder = record(graph, tmp_path / "bag", {"a": ScalarStamped, "b": ScalarStamped})
+    assert (recorder.reached([]), recorder.reached(["a", "b"])) == (math.inf, 0)
+    publish(graph, recorder, "a", *[ScalarStamped(header=Header(stamp=Time(sec=second))) for second in (7, 9, 8)])
+    assert (recorder.reached(["a"]), recorder.reached(["b"]), recorder.reached(["a", "b"])) == (9 * 10**9, 0, 9 * 10**9)
+    publish(graph, recorder, "b", ScalarStamped(header=Header(stamp=Time(sec=5))))
+    assert recorder.reached(["a", "b"]) == 5 * 10**9
+    recorder.close()
+
+
+STEP = """
+process: 1/(s+1)
+name: long
+sample_time: 0.001
+gains: {kp: 1.0, ki: 1.0}
+phases:
+- {name: step, duration: 10.0, setpoint: 1.0}
+"""
+
+
+@pytest.mark.slow
+def test_a_recorder_that_stalls_loses_nothing_of_a_loop_at_full_speed(graph: Graph, tmp_path: Path) -> None:
+    """Stopped twice, for longer than it takes the loop to go beyond what its publishers remember."""
+    (tmp_path / "step.yaml").write_text(STEP)
+    lockstep = {"trigger": "lockstep", "sample_time": 0.001}
+    graph.start("plant_simulator", {**lockstep, "process": "1/(s+1)", "advance_until": 0.0})
+    graph.start("fopid_controller", {**lockstep, "kp": 1.0, "ki": 1.0, "use_sim_time": True})
+    arguments = [tmp_path / "step.yaml", "--no-report", "--out", tmp_path / "run"]
+    process = subprocess.Popen(
+        [BIN / "experiment", *arguments], env=graph.environment, stderr=subprocess.PIPE, text=True
+    )
+    states = graph.listen(FopidState, "/fopid_controller/state", QoSProfile(depth=1))
+    for k in range(2):
+        graph.until(lambda k=k: states and states[-1].header.stamp.sec >= 4 * k + 1, f"{4 * k + 1} s of the loop")
+        process.send_signal(signal.SIGSTOP)
+        graph.spin(2.0)
+        process.send_signal(signal.SIGCONT)
+    _, told = process.communicate(timeout=120)
+    assert process.returncode == 0, told
+    run = read_bag(tmp_path / "run" / "bag")
+    assert {name: (found.expected, found.missing) for name, found in samples(run).items()} == dict.fromkeys(
+        ("measurement", "control", "state"), (10_000, 0)
+    )
+    for stamps in (run.signals["measurement"].time, run.signals["control"].time, run.state["time"]):
+        assert np.array_equal(np.unique(np.round(stamps / 0.001).astype(int)), np.arange(10_000))
 
 
 def test_an_existing_folder_is_refused_by_name(graph: Graph, tmp_path: Path) -> None:

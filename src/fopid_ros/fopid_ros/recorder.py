@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import struct
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, ROSClock
+from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rosbags.interfaces import Nodetype
+from rclpy.qos import QoSProfile
+from rosbags.interfaces import (
+    Nodetype,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.typesys import get_types_from_msg
 
 from fopid_core.errors import InputError
+from fopid_core.study.bag import SIMULATED_BELOW
 from fopid_core.study.bag_writer import BagWriter
-from fopid_core.study.rosbag2 import Qos, Topic, join_definitions
+from fopid_core.study.rosbag2 import Topic, join_definitions
 
 DEFAULT_QOS = QoSProfile(depth=10_000)
 """Deep enough for a second of lockstep while the disk is slow."""
@@ -35,8 +46,9 @@ _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}
 class Recorder:
     """Writes every message of the given topics into a rosbag2 mcap bag, until ``close``.
 
-    A message is logged at its own stamp (a header or a time as its first field; zero is none), else
-    at the node's clock. A write error ends the recording, not the run: it is told once to ``on_failure``.
+    A message is logged at its own stamp (a header or a time as its first field; zero is none, and so is one of a wall
+    clock when the node's clock is simulated), else at the node's clock. A topic is described as its publishers offer
+    it when its first message comes. A write error ends the recording, not the run: it is told once to ``on_failure``.
 
     Parameters
     ----------
@@ -79,10 +91,11 @@ class Recorder:
         self._node = node
         self._on_failure = on_failure or node.get_logger().error
         self._lock = threading.RLock()  # on_failure may call close
+        self._newest: dict[str, int] = {}
         profiles = {name: (qos or {}).get(name, DEFAULT_QOS) for name in topics}
         names = {name: node.resolve_topic_name(name) for name in topics}
         try:
-            self._bag = BagWriter(folder, [_topic(names[n], t, profiles[n]) for n, t in topics.items()], metadata or {})
+            self._bag = BagWriter(folder, [_topic(names[n], t) for n, t in topics.items()], metadata or {})
         except OSError as error:
             raise InputError(
                 f"bag {str(folder)!r} cannot be made: {error.strerror}; allowed: a place to write"
@@ -99,6 +112,18 @@ class Recorder:
         """Full topic name -> messages recorded so far."""
         return dict(self._bag.counts)
 
+    def reached(self, topics: Iterable[str]) -> float:
+        """Log time up to which all of these topics are recorded [ns]; those without a message so far do not count.
+
+        0 when none of them has come, infinite without topics and once the recording has ended.
+        """
+        if self._bag.closed:
+            return math.inf
+        names = [self._node.resolve_topic_name(topic) for topic in topics]
+        with self._lock:
+            come = [self._newest[name] for name in names if name in self._newest]
+        return min(come, default=0 if names else math.inf)
+
     def _callback(self, topic: str, message_type: Any) -> Callable[[bytes], None]:
         fields = list(message_type.get_fields_and_field_types().values())
         stamped = bool(fields) and fields[0] in _STAMPED
@@ -106,11 +131,21 @@ class Recorder:
 
     def _record(self, topic: str, stamp: Callable[[bytes], int], data: bytes) -> None:
         log_time = stamp(data)
-        if log_time <= 0:
+        if log_time <= 0 or (log_time >= SIMULATED_BELOW and self._simulated):
             log_time = self._node.get_clock().now().nanoseconds
         with self._lock:
-            if not self._bag.closed:
-                self._attempt(partial(self._bag.write, topic, log_time, data))
+            if self._bag.closed:
+                return
+            if topic not in self._newest:
+                offers = self._node.get_publishers_info_by_topic(topic)
+                self._bag.offered(topic, list(dict.fromkeys(_qos(offer.qos_profile) for offer in offers)))
+            self._newest[topic] = max(log_time, self._newest.get(topic, 0))
+            self._attempt(partial(self._bag.write, topic, log_time, data))
+
+    @property
+    def _simulated(self) -> bool:
+        clock = self._node.get_clock()
+        return isinstance(clock, ROSClock) and clock.ros_time_is_active
 
     def _flush(self) -> None:
         with self._lock:
@@ -145,16 +180,30 @@ def _stamp(data: bytes) -> int:
     return int(seconds * 1_000_000_000 + nanoseconds)
 
 
-def _topic(name: str, message_type: Any, profile: QoSProfile) -> Topic:
+def _topic(name: str, message_type: Any) -> Topic:
     """What the bag keeps of a topic."""
     package, kind = message_type.__module__.split(".")[:2]
     type_name = f"{package}/{kind}/{message_type.__name__}"
-    qos = Qos(
-        depth=profile.depth,
-        reliable=profile.reliability != ReliabilityPolicy.BEST_EFFORT,
-        latched=profile.durability == DurabilityPolicy.TRANSIENT_LOCAL,
+    return Topic(name, type_name, join_definitions(_definitions(type_name)))
+
+
+def _qos(profile: QoSProfile) -> Qos:
+    """A publisher's profile as a bag keeps it: both number the policies as rmw does."""
+    return Qos(
+        QosHistory(int(profile.history)),
+        profile.depth,
+        QosReliability(int(profile.reliability)),
+        QosDurability(int(profile.durability)),
+        _time(profile.deadline),
+        _time(profile.lifespan),
+        QosLiveliness(int(profile.liveliness)),
+        _time(profile.liveliness_lease_duration),
+        profile.avoid_ros_namespace_conventions,
     )
-    return Topic(name, type_name, join_definitions(_definitions(type_name)), qos)
+
+
+def _time(duration: Duration) -> QosTime:
+    return QosTime(*divmod(duration.nanoseconds, 1_000_000_000))
 
 
 def _definitions(type_name: str) -> dict[str, str]:

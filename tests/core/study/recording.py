@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -47,10 +47,18 @@ def message_types() -> Typestore:
 class Recording:
     """A bag in the making, by the rosbags library."""
 
-    def __init__(self, folder: Path, storage: StoragePlugin, namespace: str = "") -> None:
+    def __init__(
+        self,
+        folder: Path,
+        storage: StoragePlugin,
+        namespace: str = "",
+        compression: CompressionMode = CompressionMode.NONE,
+    ) -> None:
         self.types = message_types()
         self.namespace = namespace
         self.writer = Writer(folder, version=9, storage_plugin=storage)
+        if compression != CompressionMode.NONE:
+            self.writer.set_compression(compression, CompressionFormat.ZSTD)
         self.writer.open()
         self._connections: dict[str, Any] = {}
 

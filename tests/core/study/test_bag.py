@@ -59,7 +59,7 @@ def test_state_tunings_phases_and_metadata_come_back(tmp_path: Path, storage: St
     assert math.isnan(run.tunings[0].achieved.gain_margin_db)
     assert [(p.time, p.name) for p in run.phases][1] == (30.0, "tuned by frequency")
     assert run.metadata == {"experiment": EXPERIMENT}
-    assert (str(run.process), run.parameter("control_max")) == ("1/(s^3 + 3 s^2 + 3 s + 1)", 10.0)
+    assert str(run.process) == "1/(s^3 + 3 s^2 + 3 s + 1)"
     assert run.sample_time == pytest.approx(SAMPLE_TIME, rel=1e-9)
 
 
@@ -146,7 +146,6 @@ def test_parameter_changes_of_this_loop_are_read(tmp_path: Path) -> None:
     assert [(change.node, change.name, change.value) for change in run.parameters] == [
         ("/one/fopid_controller", "control_max", 3.0)
     ]
-    assert run.parameter("control_max") == 3.0
 
 
 def test_a_bag_without_its_metadata_file_is_read(tmp_path: Path, storage: StoragePlugin) -> None:
@@ -179,7 +178,7 @@ def test_a_bag_that_was_cut_off_is_read_up_to_its_last_whole_chunk(tmp_path: Pat
         (lambda path: path.mkdir(), "is no bag, it holds nothing"),
         (lambda path: (path.mkdir(), (path / "notes.txt").touch()), r"is no bag, it holds notes\.txt"),
         (lambda path: path.write_text("hello"), "cannot be read"),
-        (lambda path: (path.mkdir(), (path / "metadata.yaml").write_text("a: 1")), "cannot be read"),
+        (lambda path: (path.mkdir(), (path / "metadata.yaml").write_text("a: 1")), r"it holds metadata\.yaml"),
         (lambda path: (path.mkdir(), (path / "x.mcap").write_text("hello, I am no bag")), "no mcap file"),
         (lambda path: (path.mkdir(), (path / "x.db3").write_text("hello, I am no bag")), "cannot be read"),
     ],

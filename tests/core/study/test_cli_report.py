@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from rosbags.rosbag2 import StoragePlugin
@@ -52,6 +53,37 @@ def test_report_as_json_is_one_object_with_every_segment(bag: Path, tmp_path: Pa
     )
     assert first["segments"][2]["overshoot_pct"] is None
     assert first["segments"][3]["gains"]["mu"] == 1.1
+
+
+def test_report_says_how_many_samples_are_missing(bag: Path, tmp_path: Path) -> None:
+    done = fopid("report", bag, "--out", tmp_path / "a.html", "--json")
+    assert json.loads(done.stdout)["runs"][0]["samples"] == {
+        name: {"expected": 2400, "missing": 0, "first_gap": None, "late": 0}
+        for name in ("measurement", "control", "state")
+    }
+    assert "0 of 2,400 missing" in fopid("report", bag, "--out", tmp_path / "a.html").stdout
+
+
+def test_signals_elsewhere_and_the_process_can_be_named_and_figures_asked_for(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "bag", StoragePlugin.MCAP)
+    for k in range(100):
+        recording.write("/oven/heat", 0.1 * k, "std_msgs/msg/Float64", data=1.0)
+        recording.write("/oven/warm", 0.1 * k, "sensor_msgs/msg/Temperature", temperature=0.5, variance=9.0)
+        recording.write("pid/state", 0.1 * k, "fopid_msgs/msg/FopidState", kp=1.0, ki=0.5, kd=0.0, lam=1.0, mu=1.0)
+    recording.writer.close()
+    places = ("--topic", "control=/oven/heat", "--topic", "measurement=/oven/warm:temperature", "--namespace", "")
+    done = fopid("report", tmp_path / "bag", *places, "--process", "1/(s+1)^3", "--figures", tmp_path / "f", "--json")
+    assert done.exit_code == 0, done.output
+    (run,) = json.loads(done.stdout)["runs"]
+    # sup |S| of (1 + 0.5/s)/(s+1)^3, by a fine grid
+    w = 1j * np.logspace(-2, 2, 200_001)
+    assert run["segments"][0]["ms"] == pytest.approx(np.max(np.abs(1 / (1 + (1 + 0.5 / w) / (w + 1) ** 3))), rel=1e-6)
+    assert {path.name for path in (tmp_path / "f").glob("*bode*")} == {
+        f"run1-gains1-bode.{e}" for e in ("png", "svg", "pdf")
+    }
+    for words in (("--topic", "control"), ("--topic", "speed=/a"), ("--process", "1/(s+1)(s+2)")):
+        refused = fopid("report", tmp_path / "bag", *words)
+        assert (refused.exit_code, len(refused.stderr.strip().splitlines())) == (2, 1), words
 
 
 @pytest.mark.parametrize("words", [(), ("no/such/bag",), (".",), ("BAG", "--namespace", "/nobody")])

@@ -28,6 +28,20 @@ def test_decimation_keeps_order_ends_and_the_extremes_of_every_window(value: np.
         assert near.min() <= value[at] <= near.max()
 
 
+def test_every_gap_of_a_long_signal_is_kept() -> None:
+    value = np.sin(np.arange(5000) / 50.0)
+    gaps = [(100, 101), (1000, 1900), (4990, 4995)]
+    for start, end in gaps:
+        value[start:end] = np.nan
+    time, kept = decimate(np.arange(5000.0), value, 40)
+    starts = time[1:][np.isnan(kept[1:]) & ~np.isnan(kept[:-1])]
+    assert starts.size == len(gaps)
+    for start, end in gaps:
+        inside = (time >= start) & (time < end)
+        assert np.all(np.isnan(kept[inside]))
+        assert time[inside][-1] == end - 1
+
+
 def test_a_short_signal_is_left_as_it_is() -> None:
     time = np.arange(40.0)
     assert decimate(time, time, 10)[0] is time
@@ -44,3 +58,4 @@ def test_a_signal_without_spikes_has_its_own_range() -> None:
     assert spike_free_range(np.sin(np.arange(2000) / 50.0)) is None
     assert spike_free_range(np.full(100, 3.0)) is None
     assert spike_free_range(np.array([1.0])) is None
+    assert spike_free_range(np.array([np.nan])) is None

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import control
@@ -13,8 +16,9 @@ import pytest
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
+from fopid_core.study.limit_figures import limit_history, limit_lines, limits_text, saturation_curve
 from fopid_core.study.loop_figures import ISO_GAINS, loop_figures
-from fopid_core.study.run import Phase, Run, Signal
+from fopid_core.study.run import ParameterChange, Phase, Run, Signal
 from fopid_core.study.signal_figures import comparison_figure, signals_figure
 
 CONTROLLER = Fopid(kp=1.5, ki=0.6)
@@ -147,12 +151,63 @@ def test_a_kick_of_the_control_is_told_not_drawn() -> None:
     ]
 
 
-def test_a_comparison_has_both_signals_of_every_run() -> None:
-    runs = [run_with(np.sin(np.arange(100) * k)) for k in (1.0, 2.0, 3.0)]
+def test_a_comparison_has_both_signals_of_every_run_and_each_setpoint_once() -> None:
+    runs = [run_with(np.sin(np.arange(100) * k)) for k in (1.0, 2.0, 2.0)]
     figure = comparison_figure(runs, ["a", "b", "c"])
     assert [(t["name"], t["yaxis"], t["showlegend"]) for t in figure["data"]] == [
-        (name, axis, axis == "y") for name in "abc" for axis in ("y", "y2")
-    ]
+        ("setpoint", "y", True), ("setpoint", "y", False),
+        *((name, axis, axis == "y") for name in "abc" for axis in ("y", "y2")),
+    ]  # fmt: skip
+
+
+def test_runs_are_compared_from_where_the_first_thing_happens() -> None:
+    early, late = (
+        replace(run_with(np.sin(np.arange(1000) / 50.0)), phases=(Phase(start, "one"), Phase(start + 3.0, "two")))
+        for start in (0.5, 2.5)
+    )
+    for trace, begun in zip(
+        comparison_figure([early, late], ["a", "b"])["data"][-4:], (0.5, 0.5, 2.5, 2.5), strict=True
+    ):
+        assert (trace["x"][0], trace["x"][-1]) == (pytest.approx(-begun), pytest.approx(9.99 - begun))
+
+
+def limited(history: Sequence[tuple[float, float]], value: np.ndarray, **more) -> Run:
+    changes = tuple(ParameterChange(time, "/fopid_controller", "control_max", limit) for time, limit in history)
+    return run_with(value, parameters=changes, metadata={"experiment": "controller: {control_max: 2}"}, **more)
+
+
+def test_each_limit_is_drawn_as_long_as_it_was_in_force() -> None:
+    run = limited([(3.0, 1.5), (5.0, math.inf), (7.0, 1.2)], np.sin(np.arange(1000) / 50.0))
+    assert limit_history(run, "control_max") == [(0.0, 2.0), (3.0, 1.5), (5.0, math.inf), (7.0, 1.2)]
+    assert [(line["x0"], line["x1"], line["y0"], line["y1"]) for line in limit_lines(run)] == [
+        (0.0, 3.0, 2.0, 2.0), (3.0, 5.0, 1.5, 1.5), (7.0, 9.99, 1.2, 1.2),
+    ]  # fmt: skip
+    assert limits_text(run) == "at most 1.2"
+
+
+def test_the_control_is_marked_where_it_was_held_back() -> None:
+    time = 0.01 * np.arange(1000)
+    value = np.minimum(np.sin(time), 0.5)
+    state = {"time": time, "control": value, "saturated": (value == 0.5).astype(float)}
+    state |= {name: np.zeros(1000) for name in ("kp", "ki", "kd", "lam", "mu")}
+    (curve,) = saturation_curve(run_with(value, state=state))
+    marked = np.zeros(1000, dtype=bool)
+    for (start, level), (end, _) in pairwise(zip(curve["x"], curve["y"], strict=True)):
+        if level is not None:
+            assert level == 0.5
+            marked |= (time >= start - 1e-9) & (time < end - 1e-9)
+    # the mark ends with the last sample at the limit, or as a step one sample later
+    assert np.count_nonzero(marked != (value == 0.5)) <= 2
+    assert saturation_curve(run_with(value)) == []
+
+
+def test_values_that_are_no_numbers_leave_a_gap_in_every_figure() -> None:
+    value = np.sin(np.arange(1000) / 50.0)
+    value[300:400] = np.nan
+    value[700] = np.nan
+    for figure in (signals_figure(run_with(value)), comparison_figure([run_with(value)] * 2, ["a", "b"])):
+        json.dumps(figure, allow_nan=False)
+        assert all(trace["y"].count(None) >= 2 for trace in figure["data"])
 
 
 def test_a_comparison_shows_all_controls_but_the_kicks() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -97,12 +98,12 @@ def test_each_place_for_a_figure_has_its_figure(outline: Outline, bag: Path) -> 
     assert all(a.get("aria-label") for _, a in outline.elements if "data-figure" in a)
 
 
-def test_the_picture_is_as_wide_as_a_paper_wants(bag: Path, tmp_path: Path) -> None:
+def test_the_picture_is_as_wide_as_a_page_of_a_journal(bag: Path, tmp_path: Path) -> None:
     page, image = write_report([read_bag(bag)], tmp_path / "new" / "report.html")
     assert (page.name, image.name) == ("report.html", "report.png")
     with Image.open(image) as picture:
-        assert picture.size == (1600, 1000)
-        assert len(picture.convert("RGB").getcolors(maxcolors=1600 * 1000)) > 100
+        assert picture.size == (2148, 1320)  # 7.16 by 4.4 inch at 300 dots per inch
+        assert len(picture.convert("RGB").getcolors(maxcolors=2148 * 1320)) > 100
 
 
 def test_texts_from_a_bag_cannot_become_markup(tmp_path: Path) -> None:
@@ -121,6 +122,45 @@ def test_several_runs_stand_side_by_side(bag: Path, tmp_path: Path) -> None:
     assert len(places) == len(set(places)) == 1 + 2 * 13
     write_report([read_bag(bag), read_bag(second)], tmp_path / "report.html")
     assert (tmp_path / "report.png").stat().st_size > 10_000
+
+
+def test_what_is_wrong_with_a_recording_is_said(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "bag", StoragePlugin.MCAP)
+    for k in (0, 1, 2, 5, 6, 7, 8, 9):
+        for topic in ("measurement", "control"):
+            value = math.nan if (topic, k) == ("measurement", 8) else 1.0
+            header = recording.header(0.1 * k)
+            recording.write(topic, 0.1 * k, "fopid_msgs/msg/ScalarStamped", header=header, value=value)
+    recording.writer.close()
+    text = Outline(render([read_bag(tmp_path / "bag")])).text
+    assert "control: 2 of 10 samples lost, the first one at 0.3 s." in text
+    assert "measurement: 1 values that are no numbers." in text
+    assert "every sample" not in text
+
+
+def test_a_whole_recording_is_said_to_be_whole_with_its_limits(outline: Outline) -> None:
+    assert "recorded every sample" in outline.text
+    assert "limits of the control -10 to 10" in outline.text
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_shortest_bags_make_a_report(tmp_path: Path, count: int) -> None:
+    recording = Recording(tmp_path / "bag", StoragePlugin.MCAP)
+    for k in range(count):
+        for topic in ("setpoint", "measurement", "control"):
+            recording.write(topic, 0.1 * k, "std_msgs/msg/Float64", data=float(k))
+    recording.writer.close()
+    _, image = write_report([read_bag(tmp_path / "bag")], tmp_path / "report.html")
+    assert image.exists()
+
+
+def test_where_the_process_is_not_known_the_page_says_so(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "bag", StoragePlugin.MCAP)
+    for k in range(20):
+        recording.write("pid/state", 0.1 * k, "fopid_msgs/msg/FopidState", setpoint=1.0, measurement=0.0, control=0.0,
+                        kp=1.0, ki=0.0, kd=0.0, lam=1.0, mu=1.0)  # fmt: skip
+    recording.writer.close()
+    assert "does not say which process" in Outline(render([read_bag(tmp_path / "bag")])).text
 
 
 def test_a_bag_of_two_signals_alone_makes_a_report(tmp_path: Path) -> None:

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from mcap.writer import CompressionType, Writer
+from rosbags.interfaces import Qos
+from rosbags.rosbag2.metadata import dump_qos_v9
 
 from fopid_core.errors import InputError
 from fopid_core.study.bag_repair import repair
-from fopid_core.study.rosbag2 import Content, Topic, dump, information, topic_entry, write_metadata
+from fopid_core.study.rosbag2 import Content, Topic, dump, information, topic_entry, type_hash, write_metadata
 
 CHUNK_SIZE = 64 * 1024
 """Bytes of messages in a chunk before compression: what a full disk or a kill can cost at most."""
@@ -40,6 +42,8 @@ class BagWriter:
     ----------
     counts : dict
         Topic name -> messages taken so far.
+    custom : dict
+        The texts, which may change until the bag is closed.
 
     Raises
     ------
@@ -63,8 +67,11 @@ class BagWriter:
     def __init__(self, folder: Path, topics: Sequence[Topic], metadata: Mapping[str, str]) -> None:
         self.folder = folder
         self.counts = dict.fromkeys((topic.name for topic in topics), 0)
-        self._custom = dict(metadata)
-        self._entries = {topic.name: topic_entry(topic) for topic in topics}
+        self.custom = dict(metadata)
+        self._topics = {topic.name: topic for topic in topics}
+        self._entries = {
+            t.name: topic_entry(t.name, t.type_name, (), type_hash(t.type_name, t.definition)) for t in topics
+        }
         self._span: tuple[int, int] | None = None
         try:
             folder.mkdir(parents=True)
@@ -74,28 +81,44 @@ class BagWriter:
         self._file = self._path.open("xb")
         # Any, since its methods carry no types.
         self._writer: Any = Writer(self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
-        self._begin(topics)
-
-    def _begin(self, topics: Sequence[Topic]) -> None:
-        write_metadata(self.folder, self._path.name, Content(self._entries, {}), self._custom)
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._describe(Content(self._entries, {}))
         self._writer.start(profile="ros2", library=LIBRARY)
-        schemas = {
-            topic.type_name: self._writer.register_schema(topic.type_name, "ros2msg", topic.definition.encode())
-            for topic in {topic.type_name: topic for topic in topics}.values()
-        }
-        self._channels = {
-            topic.name: self._writer.register_channel(
-                topic.name,
+        self._file.flush()
+
+    def offered(self, topic: str, profiles: Sequence[Qos]) -> None:
+        """Say how a topic is offered, by each of its publishers; before its first message.
+
+        Raises
+        ------
+        InputError
+            After the first message.
+        """
+        if topic in self._channels:
+            raise InputError(f"topic {topic!r} has messages already; allowed: profiles before the first one")
+        self._entries[topic]["offered_qos_profiles"] = dump_qos_v9(list(profiles))
+
+    def _channel(self, name: str) -> int:
+        """The topic's channel, written with its first message: by then its publishers are known."""
+        if name not in self._channels:
+            topic, entry = self._topics[name], self._entries[name]
+            if topic.type_name not in self._schemas:
+                schema = self._writer.register_schema(topic.type_name, "ros2msg", topic.definition.encode())
+                self._schemas[topic.type_name] = schema
+            self._channels[name] = self._writer.register_channel(
+                name,
                 message_encoding="cdr",
-                schema_id=schemas[topic.type_name],
+                schema_id=self._schemas[topic.type_name],
                 metadata={
-                    "offered_qos_profiles": dump([topic.qos.profile()]),
-                    "topic_type_hash": self._entries[topic.name]["type_description_hash"],
+                    "offered_qos_profiles": dump(entry["offered_qos_profiles"]),
+                    "topic_type_hash": entry["type_description_hash"],
                 },
             )
-            for topic in topics
-        }
-        self._file.flush()
+        return self._channels[name]
+
+    def _describe(self, content: Content) -> None:
+        write_metadata(self.folder, information({self._path.name: content}, self.custom))
 
     @property
     def closed(self) -> bool:
@@ -105,7 +128,7 @@ class BagWriter:
     def write(self, topic: str, log_time: int, data: bytes) -> None:
         """Take a message: serialized (CDR), with its log time [ns]."""
         try:
-            self._writer.add_message(self._channels[topic], log_time, data, publish_time=log_time)
+            self._writer.add_message(self._channel(topic), log_time, data, publish_time=log_time)
         except OSError:
             self._abandon()
             raise
@@ -126,13 +149,15 @@ class BagWriter:
         if self.closed:
             return
         try:
+            for topic in self._topics:
+                self._channel(topic)
             content = Content(self._entries, self.counts, *(self._span or (0, 0)))
-            embedded = dump(information(self._path.name, content, self._custom))
             self._writer.flush()
+            embedded = dump(information({self._path.name: content}, self.custom))
             self._writer.add_metadata(METADATA_RECORD, {METADATA_KEY: embedded})
             self._writer.finish()
             self._file.close()
-            write_metadata(self.folder, self._path.name, content, self._custom)
+            self._describe(content)
         except BaseException:
             self._abandon()
             raise

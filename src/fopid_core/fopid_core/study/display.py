@@ -13,7 +13,7 @@ _FAR = 5.0  # times the range of the others
 
 
 def decimate(time: Floats, value: Floats, stretches: int = 1500) -> tuple[Floats, Floats]:
-    """First, lowest, highest and last of each of so many stretches with equal numbers of samples.
+    """First, lowest, highest and last of each of so many stretches with equal numbers of samples, and gaps of NaN.
 
     It looks the same as all samples (Jugel et al., "M4", VLDB 2014).
 
@@ -41,7 +41,10 @@ def decimate(time: Floats, value: Floats, stretches: int = 1500) -> tuple[Floats
     kept = {0, n - 1}
     for start, end in pairwise(edges.tolist()):
         part = value[start:end]
-        kept.update((start, start + int(np.argmin(part)), start + int(np.argmax(part)), end - 1))
+        gap = np.isnan(part)
+        lowest, highest = np.argmin(np.where(gap, np.inf, part)), np.argmax(np.where(gap, -np.inf, part))
+        kept.update((start, start + int(lowest), start + int(highest), end - 1))
+        kept.update((start + np.flatnonzero(np.diff(gap))).tolist())  # a gap stays a gap
     indexes = np.array(sorted(kept))
     return time[indexes], value[indexes]
 
@@ -56,6 +59,9 @@ def spike_free_range(value: Floats) -> tuple[float, float] | None:
     >>> spike_free_range(np.array([0.0, 1.0] * 500 + [900.0]))
     (-0.5, 1.5)
     """
+    value = value[np.isfinite(value)]
+    if value.size == 0:
+        return None
     low, high = np.quantile(value, (_RARE, 1.0 - _RARE), method="closest_observation").tolist()
     if high == low or np.ptp(value) <= _FAR * (high - low):
         return None

@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from functools import cache
 from html import escape
-from importlib import resources
 from pathlib import Path
-from string import Template
+
+import numpy as np
 
 from fopid_core.design.verification import achieved
 from fopid_core.errors import InputError
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import TEST_BENCH
 from fopid_core.model.stability import stability
+from fopid_core.study.completeness import samples
+from fopid_core.study.limit_figures import limit_lines, limits_text, saturation_curve
 from fopid_core.study.loop_figures import loop_figures
+from fopid_core.study.page import page
 from fopid_core.study.plotly_parts import Figure
-from fopid_core.study.report_image import write_image
-from fopid_core.study.report_parts import controller_text, definitions, equation, facts, folded, measures, plot, table
+from fopid_core.study.print_figures import save, save_all
+from fopid_core.study.report_parts import (
+    comparison_table,
+    controller_text,
+    definitions,
+    equation,
+    facts,
+    folded,
+    measures,
+    plot,
+    table,
+)
 from fopid_core.study.run import Run
 from fopid_core.study.segment_table import number
 from fopid_core.study.segments import Retuning, retunings, segments
@@ -36,6 +47,11 @@ _CAPTIONS = {
     "isodamping": "Step responses when the process's gain is off by a factor",
 }
 
+_NO_PROCESS = "The bag does not say which process was controlled: no loop to draw (fopid report --process)."
+
+_MEASURES = """Rise from 10 to 90 %, settling to 2 % of the step of the setpoint. IAE and ITAE from the start of the
+phase. Ms and phase margin with the nominal process."""
+
 _ORIGINS = {
     "start": "starting gains",
     "frequency": "tuned by frequency",
@@ -47,7 +63,7 @@ _ORIGINS = {
 Figures = dict[str, Figure]
 
 
-def write_report(runs: Sequence[Run], out: Path) -> tuple[Path, Path]:
+def write_report(runs: Sequence[Run], out: Path, figures: Path | None = None) -> tuple[Path, Path]:
     """Write the report of one or more runs.
 
     Parameters
@@ -55,6 +71,8 @@ def write_report(runs: Sequence[Run], out: Path) -> tuple[Path, Path]:
     runs : sequence of Run
     out : Path
         The HTML page; the PNG of its main figure gets the same name with ``.png``.
+    figures : Path, optional
+        A folder for every figure as png, svg and pdf.
 
     Returns
     -------
@@ -70,8 +88,11 @@ def write_report(runs: Sequence[Run], out: Path) -> tuple[Path, Path]:
     image = out.with_suffix(".png")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(render(runs), encoding="utf-8")
-        write_image(runs, _names(runs), image)
+        text, drawn = _page(runs)
+        out.write_text(text, encoding="utf-8")
+        save(next(iter(drawn.values())), image)
+        if figures is not None:
+            save_all(drawn, figures)
     except OSError as error:
         raise InputError(f"report {str(out)!r} cannot be written: {error.strerror}") from None
     return out, image
@@ -79,31 +100,21 @@ def write_report(runs: Sequence[Run], out: Path) -> tuple[Path, Path]:
 
 def render(runs: Sequence[Run]) -> str:
     """The page as text."""
+    return _page(runs)[0]
+
+
+def _page(runs: Sequence[Run]) -> tuple[str, Figures]:
+    """The page, and its figures, of which the first is the main one."""
     names, figures = _names(runs), Figures()
     content = [_comparison(runs, names, figures)] if len(runs) > 1 else []
     content += [_run(run, name, f"run{i}", figures) for i, (run, name) in enumerate(zip(runs, names, strict=True), 1)]
-    return Template(_file("report_page.html")).substitute(
-        title=escape(", ".join(names)),
-        style=_file("report_page.css"),
-        content="\n".join(content),
-        figures=json.dumps(figures, allow_nan=False, separators=(",", ":")).replace("</", "<\\/"),
-        plotly=_plotly(),
-        script=_file("report_page.js"),
-    )
-
-
-def _file(name: str) -> str:
-    return resources.files("fopid_core.study").joinpath(name).read_text(encoding="utf-8")
-
-
-@cache
-def _plotly() -> str:
-    return resources.files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
+    return page(", ".join(names), "\n".join(content), figures), figures
 
 
 def _names(runs: Sequence[Run]) -> list[str]:
     """The experiment's name and process, or the bag's name; several runs are told apart by their bags."""
     bags = [_bag_name(run) for run in runs]
+    bags = [f"{name} ({i})" if bags.count(name) > 1 else name for i, name in enumerate(bags, 1)]
     experiment = runs[0].experiment
     if len(runs) > 1 or "name" not in experiment:
         return bags
@@ -118,24 +129,23 @@ def _bag_name(run: Run) -> str:
 
 def _comparison(runs: Sequence[Run], names: Sequence[str], figures: Figures) -> str:
     figures["comparison"] = comparison_figure(runs, names)
-    rows = [(name, segment) for run, name in zip(runs, names, strict=True) for segment in segments(run)]
+    found = [segments(run) for run in runs]
     return f"""<header><h1>{len(runs)} runs side by side</h1></header>
-{plot("comparison", "Measurement and control of all runs", "signals")}
-{table([segment for _, segment in rows], [name for name, _ in rows])}"""
+{plot("comparison", "Measurement and control of all runs, aligned where the first thing happens", "signals")}
+{comparison_table(found, names)}
+<p class="quiet">Small: difference to {escape(names[0])}. {_MEASURES}</p>"""
 
 
 def _run(run: Run, name: str, key: str, figures: Figures) -> str:
     figures[f"{key}-signals"] = signals_figure(run)
-    cut_off = "" if run.whole else '<p class="warning">The recording was cut off; this is what it holds.</p>'
     return f"""<header><h1>{escape(name)}</h1>
 {equation("P", _process_text(run)) if run.process else ""}
-{_facts(run)}{cut_off}</header>
+{_facts(run)}{_warnings(run)}</header>
 <h2>Signals</h2>
-{plot(f"{key}-signals", "Red lines: new gains. Dotted: limits of the control.", "signals")}
+{plot(f"{key}-signals", _signals_caption(run), "signals")}
 <h2>Phases</h2>
 {table(segments(run))}
-<p class="quiet">Rise from 10 to 90 %, settling to 2 % of the step of the setpoint. IAE and ITAE from the start of the
-phase. Ms and phase margin with the nominal process.</p>
+<p class="quiet">{_MEASURES}</p>
 {_tunings(run, key, figures)}
 {_what_was_run(run)}"""
 
@@ -146,16 +156,43 @@ def _process_text(run: Run) -> str:
     return TEST_BENCH.get(typed, typed)
 
 
+def _signals_caption(run: Run) -> str:
+    parts = ["Red lines: new gains."] if retunings(run)[1:] else []
+    parts += ["Dotted: limits of the control."] if limit_lines(run) else []
+    parts += ["Thick: control at a limit."] if saturation_curve(run) else []
+    return " ".join([*parts, "Drag to zoom, double-click to go back."])
+
+
 def _facts(run: Run) -> str:
-    time = run.signals["measurement"].time
+    time, found = run.signals["measurement"].time, samples(run)
     return facts(
         {
             "duration": f"{number(run.end - float(time[0]))} s",
             "samples": f"{time.size:,}",
             "sample time": f"{number(run.sample_time)} s",
-            "ran in": str(run.experiment.get("trigger", "")),
+            "ran in": str(run.experiment.get("trigger", "") or ("simulated time" if run.start == 0 else "real time")),
+            "limits of the control": limits_text(run),
+            "late ticks": f"{late:,}" if (late := max((one.late for one in found.values()), default=0)) else "",
+            "recorded": "every sample" if found and not any(one.missing for one in found.values()) else "",
         }
     )
+
+
+def _warnings(run: Run) -> str:
+    """What is wrong with the recording."""
+    told = [] if run.whole else ["The recording was cut off; this is what it holds."]
+    kind = "lost" if run.start == 0 else "late or lost"
+    told += [
+        f"{name}: {one.missing:,} of {one.expected:,} samples {kind}, the first one at {number(one.first_gap)} s."
+        for name, one in samples(run).items()
+        if one.missing
+    ]
+    told += [
+        f"{name}: {count:,} values that are no numbers."
+        for name, signal in run.signals.items()
+        if (count := int(np.count_nonzero(~np.isfinite(signal.value))))
+    ]
+    return "".join(f'<p class="warning">{escape(text)}</p>' for text in told)
 
 
 def _tunings(run: Run, key: str, figures: Figures) -> str:
@@ -163,8 +200,11 @@ def _tunings(run: Run, key: str, figures: Figures) -> str:
     shown = list(enumerate(changes, 1))[-MOST_TUNINGS:]
     if not shown:
         return ""
+    unknown = "" if run.process else f'<p class="quiet">{_NO_PROCESS}</p>'
     left_out = f'<p class="quiet">The last {MOST_TUNINGS} of {len(changes)}.</p>' if len(changes) > len(shown) else ""
-    return f"<h2>Gains</h2>{left_out}" + "\n".join(_tuning(run, c, f"{key}-gains{i}", figures) for i, c in shown)
+    return f"<h2>Gains</h2>{unknown}{left_out}" + "\n".join(
+        _tuning(run, c, f"{key}-gains{i}", figures) for i, c in shown
+    )
 
 
 def _tuning(run: Run, change: Retuning, key: str, figures: Figures) -> str:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
 
 from fopid_core.design.specification import Achieved
 from fopid_core.model.fopid import Fopid
-from fopid_core.study.segment_table import COLUMNS, number
+from fopid_core.study.segment_table import COLUMNS, Column, number
 from fopid_core.study.segments import Segment
 
 
@@ -69,24 +70,80 @@ def plot(figure: str, caption: str, kind: str = "") -> str:
 <div class="plot {kind}" data-figure="{figure}" role="img" aria-label="{escape(caption)}"></div></figure>"""
 
 
-def table(rows: Sequence[Segment], runs: Sequence[str] = ()) -> str:
-    """The segments, with the name of the run before each when ``runs`` gives one per row."""
-    heads = [_head(column.heading, column.unit, is_number=column.is_number) for column in COLUMNS]
-    lines = [[_cell(column.text(row), is_number=column.is_number) for column in COLUMNS] for row in rows]
-    if runs:
-        heads.insert(0, _head("run", "", is_number=False))
-        lines = [[_cell(run, is_number=False), *line] for run, line in zip(runs, lines, strict=True)]
+def table(rows: Sequence[Segment]) -> str:
+    """The segments, one a row."""
+    return _table(COLUMNS, [[_cell(column, column.text(row)) for column in COLUMNS] for row in rows])
+
+
+def comparison_table(runs: Sequence[Sequence[Segment]], names: Sequence[str]) -> str:
+    """The segments of several runs, those of one name below each other, with the difference to the first run."""
+    phase, *rest = COLUMNS
+    columns = (phase, Column("run", "", str), *rest)
+    lines = []
+    for group in _matched(runs):
+        title = next(phase.text(segment) for segment in group if segment)
+        for i, segment in enumerate(group):
+            if segment:
+                head = [_cell(phase, title), _cell(columns[1], names[i])]
+                base = group[0] if i else None
+                lines.append(head + [_cell(c, c.text(segment), _difference(c, segment, base)) for c in rest])
+                title = ""
+    return _table(columns, lines, "dense")
+
+
+def _matched(runs: Sequence[Sequence[Segment]]) -> list[list[Segment | None]]:
+    """Segments of one name, the first of it with the first; None where a run has none."""
+    found: dict[tuple[str, int], list[Segment | None]] = {}
+    for i, run in enumerate(runs):
+        seen: Counter[str] = Counter()
+        for segment in run:
+            found.setdefault((segment.name, seen[segment.name]), [None] * len(runs))[i] = segment
+            seen[segment.name] += 1
+    return list(found.values())
+
+
+def _difference(column: Column, segment: Segment, base: Segment | None) -> str:
+    """How far a quantity is from that of the base: in per cent, or in its own unit; empty where that says nothing."""
+    if base is None or column.value is None:
+        return ""
+    value, before = column.value(segment), column.value(base)
+    if column.text(segment) == column.text(base) or not math.isfinite(value - before):
+        return ""
+    if column.is_share or before == 0.0:
+        return signed(value - before, digits=2)
+    return f"{signed(100.0 * (value - before) / abs(before), digits=2)} %"
+
+
+def signed(value: float, digits: int = 3) -> str:
+    """A number with its sign.
+
+    Examples
+    --------
+    >>> signed(1.5), signed(-0.25)
+    ('+1.5', '−0.25')
+    """
+    return f"{'−' if value < 0 else '+'}{number(abs(value), digits)}"
+
+
+def _table(columns: Sequence[Column], lines: Sequence[Sequence[str]], kind: str = "") -> str:
+    heads = "".join(_head(column) for column in columns)
     body = "\n".join(f"<tr>{''.join(line)}</tr>" for line in lines)
-    return f'<div class="scroll"><table><thead><tr>{"".join(heads)}</tr></thead>\n<tbody>{body}</tbody></table></div>'
+    head = f'<table class="{kind}"><thead><tr>{heads}</tr></thead>'
+    return f'<div class="scroll">{head}\n<tbody>{body}</tbody></table></div>'
 
 
-def _head(heading: str, unit: str, *, is_number: bool) -> str:
-    small = f"<small>{escape(unit)}</small>" if unit else ""
-    return f"<th{'' if is_number else ' class=words'}>{escape(heading)}{small}</th>"
+def _head(column: Column) -> str:
+    small = f"<small>{escape(column.unit)}</small>" if column.unit else ""
+    return f"<th{_kind(column)}>{escape(column.heading)}{small}</th>"
 
 
-def _cell(text: str, *, is_number: bool) -> str:
-    return f"<td{'' if is_number else ' class=words'}>{escape(text)}</td>"
+def _cell(column: Column, text: str, difference: str = "") -> str:
+    small = f"<small>{escape(difference)}</small>" if difference else ""
+    return f"<td{_kind(column)}>{escape(text)}{small}</td>"
+
+
+def _kind(column: Column) -> str:
+    return "" if column.is_number else " class=words"
 
 
 def definitions(values: Mapping[str, str]) -> str:

@@ -6,48 +6,34 @@ The layout is rosbag2's own: https://github.com/ros2/rosbag2/blob/jazzy/docs/des
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 METADATA_FILE = "metadata.yaml"
 FORMAT_VERSION = 9
-UNLIMITED = {"sec": 2147483647, "nsec": 4294967295}
+UNLIMITED = QosTime(2147483647, 4294967295)
 """A duration without a limit, as rosbag2 writes it."""
 
 
-@dataclass(frozen=True)
-class Qos:
-    """How a topic is offered.
-
-    Attributes
-    ----------
-    depth : int
-        Messages kept.
-    reliable, latched : bool
-        Reliable rather than best effort; transient local rather than volatile.
-    """
-
-    depth: int = 1
-    reliable: bool = True
-    latched: bool = False
-
-    def profile(self) -> dict[str, Any]:
-        """The profile in the words of ``metadata.yaml``."""
-        return {
-            "history": "keep_last",
-            "depth": self.depth,
-            "reliability": "reliable" if self.reliable else "best_effort",
-            "durability": "transient_local" if self.latched else "volatile",
-            "deadline": UNLIMITED,
-            "lifespan": UNLIMITED,
-            "liveliness": "automatic",
-            "liveliness_lease_duration": UNLIMITED,
-            "avoid_ros_namespace_conventions": False,
-        }
+def qos(depth: int = 1, *, reliable: bool = True, latched: bool = False) -> Qos:
+    """A profile as most topics are offered with: keep the last ``depth``; ``latched`` is transient local."""
+    return Qos(
+        QosHistory.KEEP_LAST,
+        depth,
+        QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
+        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        UNLIMITED,
+        UNLIMITED,
+        QosLiveliness.AUTOMATIC,
+        UNLIMITED,
+        avoid_ros_namespace_conventions=False,
+    )
 
 
 @dataclass(frozen=True)
@@ -62,13 +48,11 @@ class Topic:
         ``package/msg/Name``.
     definition : str
         The type's ``.msg`` text, followed by those of all types it contains (see ``join_definitions``).
-    qos : Qos
     """
 
     name: str
     type_name: str
     definition: str
-    qos: Qos = field(default_factory=Qos)
 
 
 @dataclass(frozen=True)
@@ -114,40 +98,66 @@ def type_hash(type_name: str, definition: str) -> str:
     return store.hash_rihs01(type_name)
 
 
-def topic_entry(topic: Topic) -> dict[str, Any]:
-    """The entry ``topic_metadata`` of a topic."""
+def topic_entry(name: str, type_name: str, profiles: Sequence[Qos], digest: str) -> dict[str, Any]:
+    """The entry ``topic_metadata`` of a topic; ``digest`` is the hash of its type."""
     return {
-        "name": topic.name,
-        "type": topic.type_name,
+        "name": name,
+        "type": type_name,
         "serialization_format": "cdr",
-        "offered_qos_profiles": [topic.qos.profile()],
-        "type_description_hash": type_hash(topic.type_name, topic.definition),
+        "offered_qos_profiles": dump_qos_v9(list(profiles)),
+        "type_description_hash": digest,
     }
 
 
-def information(file_name: str, content: Content, custom: Mapping[str, str]) -> dict[str, Any]:
-    """The value of ``rosbag2_bagfile_information`` for a bag of one mcap file."""
-    total = sum(content.counts.values())
-    span = {
-        "starting_time": {"nanoseconds_since_epoch": content.start},
-        "duration": {"nanoseconds": content.end - content.start},
-        "message_count": total,
-    }
+def information(
+    files: Mapping[str, Content], custom: Mapping[str, str], storage: str = "mcap", *, compressed: bool = False
+) -> dict[str, Any]:
+    """The value of ``rosbag2_bagfile_information``.
+
+    Parameters
+    ----------
+    files : mapping
+        File name -> what it holds, in order.
+    custom : mapping
+        The bag's custom data.
+    storage : str
+        ``mcap`` or ``sqlite3``.
+    compressed : bool
+        Whether each message is compressed by itself.
+    """
+    whole = joined(list(files.values()))
     return {
         "version": FORMAT_VERSION,
-        "storage_identifier": "mcap",
-        **span,
+        "storage_identifier": storage,
+        **_span(whole),
         "topics_with_message_count": [
-            {"topic_metadata": dict(entry), "message_count": content.counts.get(name, 0)}
-            for name, entry in content.topics.items()
+            {"topic_metadata": dict(entry), "message_count": whole.counts.get(name, 0)}
+            for name, entry in whole.topics.items()
         ],
-        "compression_format": "",
-        "compression_mode": "",
-        "relative_file_paths": [file_name],
-        "files": [{"path": file_name, **span}],
+        "compression_format": "zstd" if compressed else "",
+        "compression_mode": "MESSAGE" if compressed else "",
+        "relative_file_paths": list(files),
+        "files": [{"path": name, **_span(content)} for name, content in files.items()],
         "custom_data": dict(custom) or None,
         "ros_distro": "jazzy",
     }
+
+
+def _span(content: Content) -> dict[str, Any]:
+    return {
+        "starting_time": {"nanoseconds_since_epoch": content.start},
+        "duration": {"nanoseconds": content.end - content.start},
+        "message_count": sum(content.counts.values()),
+    }
+
+
+def joined(contents: Sequence[Content]) -> Content:
+    """What several files hold together."""
+    topics = {name: entry for content in contents for name, entry in content.topics.items()}
+    counts = {name: sum(content.counts.get(name, 0) for content in contents) for name in topics}
+    filled = [content for content in contents if any(content.counts.values())]
+    start, end = min((c.start for c in filled), default=0), max((c.end for c in filled), default=0)
+    return Content(topics, counts, start, end)
 
 
 def dump(value: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> str:
@@ -160,18 +170,26 @@ class _PlainDumper(yaml.SafeDumper):
         return True
 
 
-def write_metadata(folder: Path, file_name: str, content: Content, custom: Mapping[str, str]) -> None:
+def write_metadata(folder: Path, described: Mapping[str, Any]) -> None:
     """Write ``metadata.yaml``, in one stroke: a reader sees the old one or the new one."""
-    text = dump({"rosbag2_bagfile_information": information(file_name, content, custom)})
     temporary = folder / f"{METADATA_FILE}.tmp"
-    temporary.write_text(text, encoding="utf-8")
+    temporary.write_text(dump({"rosbag2_bagfile_information": described}), encoding="utf-8")
     temporary.replace(folder / METADATA_FILE)
 
 
 def read_custom_data(folder: Path) -> dict[str, str]:
     """The custom data in a folder's ``metadata.yaml``; empty without such a file or when it cannot be read."""
+    return dict(_read(folder).get("custom_data") or {})
+
+
+def read_file_names(folder: Path) -> list[str]:
+    """The files that a folder's ``metadata.yaml`` names; none without such a file or when it cannot be read."""
+    return [Path(name).name for name in _read(folder).get("relative_file_paths") or []]
+
+
+def _read(folder: Path) -> Mapping[str, Any]:
     try:
         loaded = yaml.safe_load((folder / METADATA_FILE).read_text(encoding="utf-8"))
-        return dict(loaded["rosbag2_bagfile_information"]["custom_data"] or {})
+        return dict(loaded["rosbag2_bagfile_information"])
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
         return {}

@@ -18,12 +18,21 @@ NOTHING = "–"
 
 @dataclass(frozen=True)
 class Column:
-    """A quantity of a segment: heading, unit and text."""
+    """A quantity of a segment: heading, unit and text, and the number behind the text where it is one.
+
+    ``is_share``: differences of it are told in its own unit, not as a share of it.
+    """
 
     heading: str
     unit: str
     text: Callable[[Segment], str]
-    is_number: bool = True
+    value: Callable[[Segment], float] | None = None
+    is_share: bool = False
+
+    @property
+    def is_number(self) -> bool:
+        """Whether there is a number behind the text."""
+        return self.value is not None
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -41,31 +50,35 @@ def number(value: float, digits: int = 3) -> str:
     return f"{value:.0f}" if 10.0**digits <= abs(value) < 1e6 else f"{value:.{digits}g}"
 
 
-def _gain(name: str) -> Callable[[Segment], str]:
-    return lambda segment: number(getattr(segment.gains, name)) if segment.gains else NOTHING
+def _quantity(heading: str, unit: str, value: Callable[[Segment], float]) -> Column:
+    return Column(heading, unit, lambda segment: number(value(segment)), value)
 
 
-def _measure(name: str) -> Callable[[Segment], str]:
-    return lambda segment: number(getattr(segment, name))
+def _gain(heading: str, name: str) -> Column:
+    return _quantity(heading, "", lambda segment: getattr(segment.gains, name) if segment.gains else math.nan)
+
+
+def _phase_margin(segment: Segment) -> float:
+    return math.degrees(segment.phase_margin)
 
 
 COLUMNS = (
-    Column("phase", "", lambda segment: segment.name, is_number=False),
-    Column("method", "", lambda segment: segment.method or NOTHING, is_number=False),
-    Column("kp", "", _gain("kp")),
-    Column("ki", "", _gain("ki")),
-    Column("kd", "", _gain("kd")),
-    Column("λ", "", _gain("lam")),
-    Column("μ", "", _gain("mu")),
-    Column("overshoot", "%", lambda segment: _percent(segment.overshoot_pct)),
-    Column("rise", "s", _measure("rise_time")),
-    Column("settling", "s", _measure("settling_time")),
-    Column("IAE", "", _measure("iae")),
-    Column("ITAE", "", _measure("itae")),
-    Column("max|e|", "", _measure("error_peak")),
-    Column("max|u|", "", _measure("control_peak")),
-    Column("Ms", "", _measure("ms")),
-    Column("phase margin", "°", lambda segment: number(math.degrees(segment.phase_margin))),
+    Column("phase", "", lambda segment: segment.name),
+    Column("method", "", lambda segment: segment.method or NOTHING),
+    _gain("kp", "kp"),
+    _gain("ki", "ki"),
+    _gain("kd", "kd"),
+    _gain("λ", "lam"),
+    _gain("μ", "mu"),
+    Column("overshoot", "%", lambda s: _percent(s.overshoot_pct), lambda s: s.overshoot_pct, is_share=True),
+    _quantity("rise", "s", lambda segment: segment.rise_time),
+    _quantity("settling", "s", lambda segment: segment.settling_time),
+    _quantity("IAE", "", lambda segment: segment.iae),
+    _quantity("ITAE", "", lambda segment: segment.itae),
+    _quantity("max|e|", "", lambda segment: segment.error_peak),
+    _quantity("max|u|", "", lambda segment: segment.control_peak),
+    _quantity("Ms", "", lambda segment: segment.ms),
+    Column("phase margin", "°", lambda s: number(_phase_margin(s)), _phase_margin, is_share=True),
 )
 """Rise from 10 to 90 %, settling to 2 % of the step of the setpoint."""
 

@@ -123,8 +123,18 @@ def segments(run: Run) -> tuple[Segment, ...]:
     return tuple(_measure(run, stretch, _latest(changes, stretch.start + slack)) for stretch in _stretches(run))
 
 
+def beginning(run: Run) -> float:
+    """Where the first thing happens [s]: the same place in all runs of an experiment."""
+    return _stretches(run)[0].start
+
+
+def _step(run: Run) -> float:
+    """The sample time [s], 0 of a single sample."""
+    return run.sample_time if math.isfinite(run.sample_time) else 0.0
+
+
 def _slack(run: Run) -> float:
-    return max(TOGETHER * run.sample_time, PROMPT if run.start else 0.0)
+    return max(TOGETHER * _step(run), PROMPT if run.start else 0.0)
 
 
 def retunings(run: Run) -> tuple[Retuning, ...]:
@@ -180,7 +190,7 @@ def _steps(run: Run, name: str, origin: float) -> list[_Event]:
     values = np.concatenate(([origin], signal.value))
     at = np.flatnonzero(np.diff(values))
     times = signal.time[at]
-    held = np.diff(np.concatenate(([-math.inf], times, [math.inf]))) > TOGETHER * run.sample_time
+    held = np.diff(np.concatenate(([-math.inf], times, [math.inf]))) > TOGETHER * _step(run)
     found = at[held[:-1] & held[1:]]
     return [_Event(float(signal.time[i]), name, name, float(values[i]), float(values[i + 1])) for i in found]
 
@@ -190,7 +200,7 @@ def _together(run: Run, events: list[_Event]) -> list[list[_Event]]:
     groups: list[list[_Event]] = []
     for event in events:
         seen = {earlier.kind for earlier in groups[-1]} if groups else set()
-        gap = TOGETHER * run.sample_time if event.kind in seen else _slack(run)
+        gap = TOGETHER * _step(run) if event.kind in seen else _slack(run)
         if groups and event.time - groups[-1][-1].time <= gap:
             groups[-1].append(event)
         else:
@@ -252,8 +262,8 @@ def _measure(run: Run, stretch: _Stretch, force: Retuning | None) -> Segment:
 
 def _error(run: Run, start: float, end: float) -> tuple[Floats, Floats]:
     """Time from ``start`` [s] and setpoint less measurement; at the very end with the setpoint that was."""
-    measurement, half = run.signals["measurement"], 0.5 * run.sample_time
-    inside = (measurement.time > start - half) & (measurement.time < end + half)
+    measurement, half = run.signals["measurement"], 0.5 * _step(run)
+    inside = (measurement.time >= start - half) & (measurement.time <= end + half)
     time, output = measurement.time[inside], measurement.value[inside]
     if "setpoint" not in run.signals:
         return time - start, np.full_like(time, math.nan)

@@ -8,14 +8,17 @@ from itertools import cycle, pairwise
 import numpy as np
 
 from fopid_core.study.display import decimate, spike_free_range
+from fopid_core.study.limit_figures import limit_lines, saturation_curve
 from fopid_core.study.plotly_parts import BLUE, GREEN, GREY, RED, VIOLET, Figure, line, segment
 from fopid_core.study.run import Run, Signal
 from fopid_core.study.segment_table import number
-from fopid_core.study.segments import Retuning, retunings
+from fopid_core.study.segments import Retuning, beginning, retunings
 
 _COLOURS = {"setpoint": GREY, "measurement": BLUE, "control": GREEN, "disturbance": VIOLET}
+_DASHES = ("solid", "dash", "dot")  # so that two runs that go the same way are both seen
 _SHADE = "rgba(128,140,155,0.10)"
-_FAR = 3.0  # times the largest control
+_STRETCHES = 4000  # of a long signal, so that there is something to zoom into
+_CHARACTERS = 130  # that fit above the panels
 _GAP = 0.06  # between panels, as a share of the figure's height
 
 
@@ -28,7 +31,7 @@ def signals_figure(run: Run) -> Figure:
     changes = retunings(run)[1:]
     layout = _stacked([names[-1] for names in panels])
     spikes = _leave_out_spikes(run.signals["control"], layout["yaxis2"]) if "control" in run.signals else []
-    layout["shapes"] = [*_phase_shades(run), *_limit_lines(run), *map(_retuning_line, changes)]
+    layout["shapes"] = [*_phase_shades(run), *limit_lines(run), *map(_retuning_line, changes)]
     gap = layout["yaxis"]["domain"][0] - 0.5 * _GAP
     layout["annotations"] = [*_phase_labels(run), *(_retuning_label(change, gap) for change in changes), *spikes]
     data = [
@@ -36,22 +39,39 @@ def signals_figure(run: Run) -> Figure:
         for i, names in enumerate(panels)
         for name in names
     ]
-    return {"data": data, "layout": layout}
+    return {"data": [*data, *saturation_curve(run)], "layout": layout}
 
 
 def comparison_figure(runs: Sequence[Run], names: Sequence[str]) -> Figure:
-    """Measurement and control of several runs."""
-    data = []
-    for run, name, colour in zip(runs, names, cycle((BLUE, RED, GREEN, VIOLET, GREY)), strict=False):
+    """Measurement and control of several runs, and the setpoints, aligned where the first thing happens."""
+    data = _setpoints(runs)
+    for run, name, colour, dash in zip(runs, names, cycle((BLUE, RED, GREEN, VIOLET)), cycle(_DASHES), strict=False):
         for panel, signal in enumerate(("measurement", "control")):
-            curve = _curve(run.signals[signal], name, colour, _axis(panel), run.end, held=signal == "control")
+            curve = _curve(_aligned(run, signal), name, colour, _axis(panel), run.end - beginning(run),
+                           held=signal == "control")  # fmt: skip
+            curve["line"]["dash"] = dash
             data.append({**curve, "legendgroup": name, "showlegend": panel == 0})
     layout = _stacked(["measurement", "control"])
     controls = [run.signals["control"].value for run in runs]
-    shown = [spike_free_range(control) or (control.min(), control.max()) for control in controls]
+    shown = [spike_free_range(control) or (np.nanmin(control), np.nanmax(control)) for control in controls]
     if any(map(spike_free_range, controls)):
         layout["yaxis2"]["range"] = [float(min(low for low, _ in shown)), float(max(high for _, high in shown))]
     return {"data": data, "layout": layout}
+
+
+def _setpoints(runs: Sequence[Run]) -> list[Figure]:
+    """The setpoint of each run, once where they are the same."""
+    curves = [
+        _curve(_aligned(run, "setpoint"), "setpoint", GREY, "y", run.end - beginning(run), held=True)
+        for run in runs
+        if "setpoint" in run.signals
+    ]
+    distinct = [curve for i, curve in enumerate(curves) if all(curve["y"] != other["y"] for other in curves[:i])]
+    return [{**curve, "showlegend": i == 0} for i, curve in enumerate(distinct)]
+
+
+def _aligned(run: Run, name: str) -> Signal:
+    return Signal(run.signals[name].time - beginning(run), run.signals[name].value)
 
 
 def _axis(panel: int) -> str:
@@ -59,7 +79,7 @@ def _axis(panel: int) -> str:
 
 
 def _curve(signal: Signal, name: str, colour: str, axis: str, end: float, *, held: bool) -> Figure:
-    time, value = decimate(signal.time, signal.value)
+    time, value = decimate(signal.time, signal.value, _STRETCHES)
     if time[-1] < end:
         time, value = np.append(time, end), np.append(value, value[-1])
     shape = "hv" if held else "linear"
@@ -86,7 +106,7 @@ def _leave_out_spikes(control: Signal, axis: Figure) -> list[Figure]:
     if shown is None:
         return []
     axis["range"] = list(shown)
-    low, high = int(np.argmin(control.value)), int(np.argmax(control.value))
+    low, high = int(np.nanargmin(control.value)), int(np.nanargmax(control.value))
     notes = []
     for at, arrow, edge, outside in (
         (high, "↑", 1, control.value[high] > shown[1]),
@@ -118,24 +138,14 @@ def _phase_shades(run: Run) -> list[Figure]:
 
 
 def _phase_labels(run: Run) -> list[Figure]:
-    """``1 starting gains`` above the first phase, and so on; a narrow page shows the number alone."""
+    """``1 starting gains`` above the first phase, and so on; the number alone where there is no room for more."""
     above = {"name": "phase", "y": 1.0, "yref": "paper", "yanchor": "bottom", "showarrow": False}
-    return [
-        {**above, "text": f"{i} {phase.name}", "x": 0.5 * (start + end)}
-        for i, (phase, (start, end)) in enumerate(zip(run.phases, _phases(run), strict=True), 1)
-    ]
-
-
-def _limit_lines(run: Run) -> list[Figure]:
-    """The limits of the control, unless they are so far away that the control would look flat."""
-    limits = [run.parameter(name) for name in ("control_min", "control_max")]
-    far = _FAR * np.max(np.abs(run.signals["control"].value))
-    dotted = {"color": GREEN, "width": 1, "dash": "dot"}
-    return [
-        segment((0, 1), (limit, limit), GREEN, xref="paper", yref="y2", line=dotted)
-        for limit in limits
-        if isinstance(limit, (int, float)) and abs(limit) <= far
-    ]
+    labels = []
+    for i, (phase, (start, end)) in enumerate(zip(run.phases, _phases(run), strict=True), 1):
+        room = _CHARACTERS * (end - start) / (run.end - run.phases[0].time)
+        text = f"{i} {phase.name}"
+        labels.append({**above, "text": text if len(text) <= room else str(i), "x": 0.5 * (start + end)})
+    return labels
 
 
 def _retuning_line(change: Retuning) -> Figure:
