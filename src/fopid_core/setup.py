@@ -13,7 +13,7 @@ setup(
     license=manifest.findtext("license"),
     python_requires=">=3.11",
     packages=find_packages(include=[name, f"{name}.*"]),
-    package_data={"": ["*.lark", "*.json", "*.yaml", "*.html", "*.css", "*.js", "py.typed"]},
+    package_data={"": ["*.lark", "*.json", "*.yaml", "*.html", "*.css", "*.js", "*.h", "*.c", "py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
@@ -27,12 +27,13 @@ setup(
         "mcap",
         "numpy",
         "plotly",
+        "pyarrow",
         "pyyaml",
         "rich",
         "rosbags",
         "scipy",
         "zstandard",
     ],
-    extras_require={"test": ["hypothesis", "mpmath", "pytest"]},
+    extras_require={"cluster": ["distributed"], "test": ["hypothesis", "mpmath", "pytest"]},
     entry_points={"console_scripts": ["fopid = fopid_core.cli:main"]},
 )

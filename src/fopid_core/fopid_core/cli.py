@@ -15,8 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fopid_core.cli_campaign import campaign_verb
+from fopid_core.cli_export import export_verb
+from fopid_core.cli_identify import identify_verb
 from fopid_core.cli_options import ARGUMENTS, as_json, process_argument
 from fopid_core.cli_output import emit
+from fopid_core.cli_report import repair_verb, report_verb
+from fopid_core.cli_reproduce import reproduce_verb
+from fopid_core.cli_simulate import simulate_verb
 from fopid_core.cli_tune import reduce_verb, tune_group
 from fopid_core.errors import InputError
 
@@ -66,6 +72,13 @@ def main() -> None:
 
 main.add_command(reduce_verb)
 main.add_command(tune_group)
+main.add_command(report_verb)
+main.add_command(repair_verb)
+main.add_command(reproduce_verb)
+main.add_command(identify_verb)
+main.add_command(export_verb)
+main.add_command(simulate_verb)
+main.add_command(campaign_verb)
 
 
 def read_loop(process: str, gains: str) -> Loop:
@@ -195,46 +208,6 @@ def region_verb(process: str, orders: str, kd: float, points: int, plot: Path | 
         "plot": data["plot"],
     }
     emit(data, [("Region of stabilising gains", rows)], as_json)
-
-
-@main.command("report", context_settings=ARGUMENTS)
-@click.argument("bags", nargs=-1, required=True, metavar="BAG...", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="The page; report.html in the first bag.")
-@click.option("--namespace", metavar="NAME", help="Which loop, when a bag holds several.")
-@as_json
-def report_verb(bags: tuple[Path, ...], out: Path | None, namespace: str | None, as_json: bool) -> None:
-    """One self-contained page with plots of recorded runs, and its main figure as PNG beside it."""
-    from fopid_core.study.bag import read_bag
-    from fopid_core.study.report import write_report
-    from fopid_core.study.segments import segments
-
-    runs = [read_bag(bag, namespace) for bag in bags]
-    folder = bags[0] if bags[0].is_dir() else bags[0].parent
-    page, image = write_report(runs, out or folder / "report.html")
-    found = [segments(run) for run in runs]
-    rows = [
-        {"bag": str(bag), "whole": run.whole, "segments": [asdict(segment) for segment in measured]}
-        for bag, run, measured in zip(bags, runs, found, strict=True)
-    ]
-    emit(
-        {"report": str(page), "image": str(image), "runs": rows}, [("Report", {"page": page, "image": image})], as_json
-    )
-    if not as_json:
-        from fopid_core.study.segment_table import print_segments
-
-        for measured in found:
-            print_segments(measured)
-
-
-@main.command("repair", context_settings=ARGUMENTS)
-@click.argument("bag", type=click.Path(path_type=Path))
-@as_json
-def repair_verb(bag: Path, as_json: bool) -> None:
-    """Give a bag that was cut off (by a kill, a full disk) its index back, in place."""
-    from fopid_core.study.bag_repair import repair
-
-    content = repair(bag)
-    emit({"bag": str(bag), "messages": content.counts}, [("Messages", content.counts)], as_json)
 
 
 @main.command("benchmark", context_settings=ARGUMENTS)

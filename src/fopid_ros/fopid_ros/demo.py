@@ -9,7 +9,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -92,10 +92,15 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of the command ``fopid_demo``."""
+    return interruptible(lambda: _run(_parser().parse_args(args)))
+
+
+def interruptible(work: Callable[[], int]) -> int:
+    """Exit code of some work: 2 for bad input, in one line, 130 when it is interrupted or told to end."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _raise_interrupt)
     try:
-        return _run(_parser().parse_args(args))
+        return work()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -104,15 +109,26 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from fopid_core.study.experiment import demo_experiment, run_folder  # slow to import: an interrupt is heard before
+    from fopid_core.study.demonstration import demo_experiment  # slow to import: an interrupt is heard before
+    from fopid_core.study.experiment import run_folder
 
     experiment = demo_experiment(options.process, options.trigger)
-    folder = options.out or run_folder("demo")
+    return run_with_nodes(experiment, options.out or run_folder("demo"))
+
+
+def run_with_nodes(experiment: Experiment, folder: Path, more: Sequence[str] = ()) -> int:
+    """Run an experiment with nodes of its own; ``more`` are further arguments of the command ``experiment``.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made, or the domain is in use by another such run on this machine.
+    """
     with only_demonstration(os.environ.get("ROS_DOMAIN_ID", "0")), Children() as children:
         file = _write(experiment, folder)
         environment = _environment()
         start_nodes(children, experiment, environment)
-        children.start("experiment", [command("experiment"), str(file), "--out", str(folder)], environment)
+        children.start("experiment", [command("experiment"), str(file), "--out", str(folder), *more], environment)
         return _watch(children)
 
 

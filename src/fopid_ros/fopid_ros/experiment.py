@@ -1,229 +1,48 @@
-"""The experiment node: leads a loop through the phases of an experiment, records it, writes the report."""
+"""Runs an experiment with the nodes of a loop, records it, writes the report."""
 
 from __future__ import annotations
 
 import argparse
-import math
 import signal
 import sys
-import time
 from collections.abc import Sequence
-from importlib.metadata import version
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy.duration import Duration
-from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from fopid_core.errors import InputError
-from fopid_core.study.experiment import Experiment, Phase, TuneCall, read_experiment, run_folder
+from fopid_core.study.completeness import EVERY_SAMPLE
+from fopid_core.study.experiment import Experiment, read_experiment, run_folder
+from fopid_core.study.provenance import provenance
 from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
-from fopid_msgs.srv import Advance, Tune
+from fopid_ros.experiment_node import ExperimentNode, StopRequestedError, ask_for_prompt_acknowledgements
 from fopid_ros.node import check_domain, latched_qos
 from fopid_ros.recorder import Recorder
-from fopid_ros.signals import header_stamp
 
-DISCOVERY_TIME = 15.0  # how long the other nodes may take to appear [s]
-SLICE = 0.02  # [s] between two looks at the loop
-NAME_TIME = 3.0  # how long the name of a publisher's node may take to be known [s]
-STALL_TIME = 10.0  # lockstep without progress for this long has stalled [s]
 TABLE_WIDTH = 120  # columns the table needs; a narrower terminal wraps it
-TUNING_TIME = 120.0  # how long a tuning may take [s]
+
+TOPICS: dict[str, tuple[str, type]] = {
+    "setpoint": ("setpoint", ScalarStamped), "disturbance": ("disturbance", ScalarStamped),
+    "measurement": ("measurement", ScalarStamped), "control": ("control", ScalarStamped),
+    "state": ("fopid_controller/state", FopidState), "tunings": ("fopid_tuner/result", TuningResult),
+    "phases": ("experiment/phase", ExperimentPhase), "parameters": ("/parameter_events", ParameterEvent),
+    "diagnostics": ("/diagnostics", DiagnosticArray),
+}  # fmt: skip
+"""Topic and type of everything that an experiment file may ask to record."""
 
 
-class StopRequestedError(Exception):
-    """Ctrl-C or a request to terminate."""
-
-
-def publisher_names(node: Node, topic: str) -> list[str]:
-    """Who publishes a topic; a publisher is found a moment before the name of its node is."""
-    deadline = time.monotonic() + NAME_TIME
-    while True:
-        infos = node.get_publishers_info_by_topic(topic)
-        names = sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
-        if time.monotonic() > deadline or not any("_UNKNOWN_" in name for name in names):
-            return names
-        time.sleep(SLICE)
-
-
-def refuse_other_loops(node: Node, allowed: int) -> None:
-    """Two plants or controllers on the same topics would drive each other's loop.
-
-    Raises
-    ------
-    InputError
-        If more than ``allowed`` nodes publish the measurement or the control, naming them.
-    """
-    for topic in ("measurement", "control"):
-        names = publisher_names(node, topic)
-        if len(names) > allowed:
-            domain = node.context.get_domain_id()
-            raise InputError(
-                f"domain {domain} is in use: {topic!r} is published by {', '.join(names)}; "
-                f"allowed: one loop. Set ROS_DOMAIN_ID, or a namespace of its own for each loop"
-            )
-
-
-class ExperimentNode(Node):
-    """Publishes setpoint and disturbance, calls the tuner, lets the plant advance in lockstep."""
-
-    def __init__(self, experiment: Experiment) -> None:
-        lockstep = experiment.trigger == "lockstep"
-        use_sim_time = Parameter("use_sim_time", value=lockstep)
-        super().__init__("experiment", parameter_overrides=[use_sim_time])
-        self.experiment = experiment
-        self.lockstep = lockstep
-        qos = latched_qos()
-        self._setpoint = self.create_publisher(ScalarStamped, "setpoint", qos)
-        self._disturbance = self.create_publisher(ScalarStamped, "disturbance", qos)
-        self._phase = self.create_publisher(ExperimentPhase, "experiment/phase", latched_qos(depth=100))
-        self._advance = self.create_client(Advance, "plant_simulator/advance")
-        self._tune = self.create_client(Tune, "fopid_tuner/tune")
-        self._plant = AsyncParameterClient(self, "plant_simulator")
-        self._executor = EventsExecutor()
-        self._executor.add_node(self)
-        self._interrupted = False
-        self.not_applied: list[str] = []
-        self._time_ns = 0
-
-    def interrupt(self) -> None:
-        """Leave at the next look at the loop."""
-        self._interrupted = True
-
-    def spin(self, seconds: float, future: Future | None = None) -> bool:
-        """Serve messages for a while, or until a future is done; whether it is."""
-        future = future or Future()
-        self._executor.spin_until_future_complete(future, timeout_sec=seconds)
-        if self._interrupted:
-            raise StopRequestedError
-        return bool(future.done())
-
-    def _call(self, future: Future, what: str, timeout: float) -> Any:
-        deadline = time.monotonic() + timeout
-        while not self.spin(SLICE, future):
-            if time.monotonic() > deadline:
-                raise InputError(f"{what} did not answer within {timeout:g} s")
-        return future.result()
-
-    def find_loop(self) -> None:
-        """Wait for the nodes that the experiment needs.
-
-        Raises
-        ------
-        InputError
-            Naming the node that is not there.
-        """
-        wanted = {
-            "no plant answers: nobody publishes 'measurement'; start plant_simulator":
-                lambda: self.count_publishers("measurement") > 0,
-            "no controller to talk to: nobody publishes 'control'; start fopid_controller":
-                lambda: self.count_publishers("control") > 0 and self._setpoint.get_subscription_count() > 1,
-        }  # fmt: skip
-        if self.lockstep:
-            wanted["the plant is not in lockstep: no service plant_simulator/advance"] = self._advance.service_is_ready
-        if any(phase.tune for phase in self.experiment.phases):
-            wanted["no tuner answers: no service fopid_tuner/tune; start fopid_tuner"] = self._tune.service_is_ready
-        deadline = time.monotonic() + DISCOVERY_TIME
-        for missing, is_there in wanted.items():
-            while not is_there():
-                if time.monotonic() > deadline:
-                    raise InputError(f"{missing} (domain {self.context.get_domain_id()})")
-                self.spin(SLICE)
-        refuse_other_loops(self, allowed=1)
-
-    def begin_phase(self, phase: Phase) -> None:
-        """Make the changes a phase starts with; in lockstep all are in place before the loop goes on."""
-        if phase.tune is not None:
-            self.tune(phase.tune)
-        for value, publisher in ((phase.setpoint, self._setpoint), (phase.disturbance, self._disturbance)):
-            if value is not None:
-                message = ScalarStamped(value=value)
-                self._stamp(message)
-                publisher.publish(message)
-                if self.lockstep and not publisher.wait_for_all_acked(Duration(seconds=5)):
-                    raise InputError(f"{publisher.topic_name} was not taken by all who listen within 5 s")
-        if phase.gain_factor is not None:
-            change = self._plant.set_parameters_atomically([Parameter("gain_factor", value=phase.gain_factor)])
-            self._call(change, "plant_simulator", 5.0)
-        marker = ExperimentPhase(name=phase.name, description=describe(phase))
-        self._stamp(marker)
-        self._phase.publish(marker)
-
-    def _stamp(self, message: Any) -> None:
-        header_stamp(message.header, self._time_ns if self.lockstep else self.get_clock().now().nanoseconds)
-
-    def tune(self, call: TuneCall) -> None:
-        """Have the tuner tune and apply; when it does not, the loop goes on with the gains it has."""
-        request = Tune.Request(
-            method=call.method, phase_margin=math.radians(call.phase_margin_deg), crossover=call.crossover,
-            index=call.index, ms_max=call.ms_max, u_max=call.u_max, horizon=call.horizon, via=call.via,
-            rule=call.rule, apply=True,
-        )  # fmt: skip
-        response: Tune.Response = self._call(self._tune.call_async(request), "fopid_tuner", TUNING_TIME)
-        if not response.applied:
-            self.not_applied.append(f"tuning by {call.method}: {'; '.join([response.message, *response.unmet])}")
-
-    def run_until(self, end: float, progress: Any) -> None:
-        """Let the loop run until ``end`` seconds after its start."""
-        if not self.lockstep:
-            self._run_realtime(end, progress)
-            return
-        last, last_moved = -1.0, time.monotonic()
-        while True:
-            answer = self._call(self._advance.call_async(Advance.Request(until=end)), "plant_simulator", 5.0)
-            progress(answer.time)
-            self._time_ns = round(answer.time * 1e9)
-            if answer.success:
-                return
-            if answer.time > last:
-                last, last_moved = answer.time, time.monotonic()
-            elif time.monotonic() - last_moved > STALL_TIME:
-                raise InputError(
-                    f"the loop stands still at {answer.time:g} s, {answer.message}: does the controller answer?"
-                )
-            self.spin(SLICE)
-
-    def _run_realtime(self, end: float, progress: Any) -> None:
-        if not hasattr(self, "_begun"):
-            self._begun = time.monotonic()
-        while (elapsed := time.monotonic() - self._begun) < end:
-            progress(elapsed)
-            self.spin(min(SLICE, end - elapsed + 1e-3))
-
-    def drain(self) -> None:
-        """Serve what is still on its way."""
-        self.spin(0.3)
-
-
-def describe(phase: Phase) -> str:
-    """What a phase starts with, for people."""
-    parts = [f"tune by {phase.tune.method}"] if phase.tune else []
-    for name in ("setpoint", "disturbance", "gain_factor"):
-        value = getattr(phase, name)
-        if value is not None:
-            parts.append(f"{name.replace('_', ' ')} {value:g}")
-    return ", ".join(parts)
-
-
-def recorded_topics() -> dict[str, type]:
+def recorded_topics(experiment: Experiment) -> dict[str, type]:
     """What goes into the bag."""
-    return {
-        "setpoint": ScalarStamped, "disturbance": ScalarStamped, "measurement": ScalarStamped,
-        "control": ScalarStamped, "fopid_controller/state": FopidState, "fopid_tuner/result": TuningResult,
-        "experiment/phase": ExperimentPhase, "/parameter_events": ParameterEvent, "/diagnostics": DiagnosticArray,
-    }  # fmt: skip
+    return dict(TOPICS[name] for name in experiment.recorded)
 
 
 def metadata(experiment: Experiment) -> dict[str, str]:
@@ -232,7 +51,7 @@ def metadata(experiment: Experiment) -> dict[str, str]:
         "experiment": experiment.to_yaml(),
         "process": experiment.process,
         "sample_time": repr(experiment.sample_time),
-        "versions": ", ".join(f"{name} {version(name)}" for name in ("fopid_core", "fopid_ros", "numpy", "scipy")),
+        **provenance(),
     }
 
 
@@ -243,13 +62,12 @@ def run_phases(node: ExperimentNode, console: Console) -> None:
     with Progress(*columns, console=console, transient=False) as bar:
         task = bar.add_task("waiting for the nodes", total=node.experiment.duration)
         node.find_loop()
-        end = 0.0
-        for phase in node.experiment.phases:
+        boundaries = pairwise(node.experiment.boundaries)
+        for phase, (first, end) in zip(node.experiment.phases, boundaries, strict=True):
             bar.update(task, description=f"tuning ({phase.tune.method})" if phase.tune else phase.name)
             node.begin_phase(phase)
             bar.update(task, description=phase.name)
-            end += phase.duration
-            node.run_until(end, lambda now: bar.update(task, completed=now))
+            node.run_phase(first, end, lambda now: bar.update(task, completed=now))
         bar.update(task, completed=node.experiment.duration, description="done")
     node.drain()
 
@@ -266,13 +84,16 @@ def conduct(experiment: Experiment, folder: Path, console: Console) -> int:
     node = ExperimentNode(experiment)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: node.interrupt())
-    qos = {"fopid_tuner/result": latched_qos(depth=100), "experiment/phase": latched_qos(depth=100)}
+    latched = [topic for topic, _ in (TOPICS["tunings"], TOPICS["phases"]) if topic in recorded_topics(experiment)]
+    qos = dict.fromkeys(latched, latched_qos(depth=100))
     recorder = None
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "experiment.yaml").write_text(experiment.to_yaml(), encoding="utf-8")
-        recorder = Recorder(node, folder / "bag", recorded_topics(), qos=qos, metadata=metadata(experiment),
+        recorder = Recorder(node, folder / "bag", recorded_topics(experiment), qos=qos, metadata=metadata(experiment),
                             on_failure=lambda text: console.print(f"warning: {text}"))  # fmt: skip
+        every_sample = [TOPICS[name][0] for name in EVERY_SAMPLE if name in experiment.recorded]
+        node.recorded = partial(recorder.reached, every_sample)
         run_phases(node, console)
         for reason in node.not_applied:
             console.print(f"warning: {reason}", highlight=False, soft_wrap=True)
@@ -312,8 +133,18 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="experiment", description="Run an experiment with the nodes of a loop.")
     parser.add_argument("file", type=Path, help="experiment file (YAML)")
     parser.add_argument("--out", type=Path, help="folder for bag and report (runs/NAME-TIME)")
+    parser.add_argument("--start-nodes", action="store_true", help="start plant, controller and tuner, and end them")
     parser.add_argument("--no-report", action="store_true", help="record only")
     return parser
+
+
+def _with_nodes(experiment: Experiment, options: argparse.Namespace, given: Sequence[str]) -> int:
+    """Have a parent start the nodes and this command once more, and watch over them."""
+    from fopid_ros.demo import interruptible, run_with_nodes
+
+    folder = options.out or run_folder(experiment.name)
+    more = [argument for argument in given if argument not in (str(options.file), "--start-nodes")]
+    return interruptible(lambda: run_with_nodes(experiment, folder, more))
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -323,7 +154,10 @@ def main(args: Sequence[str] | None = None) -> int:
     console = Console(stderr=True)
     try:
         experiment = read_experiment(options.file)
+        if options.start_nodes:
+            return _with_nodes(experiment, options, given)
         check_domain()
+        ask_for_prompt_acknowledgements()
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except (InputError, RCLError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -333,7 +167,7 @@ def main(args: Sequence[str] | None = None) -> int:
         code = conduct(experiment, folder, console)
     finally:
         rclpy.try_shutdown()
-    if code in (0, 3) and not options.no_report:
+    if code in (0, 3) and not options.no_report and {"measurement", "control"} <= set(experiment.recorded):
         try:
             show_results(folder, console)
         except InputError as error:

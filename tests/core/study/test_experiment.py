@@ -12,7 +12,8 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
 from fopid_core.model.stability import stability
-from fopid_core.study.experiment import demo_experiment, parse_experiment, read_experiment
+from fopid_core.study.demonstration import demo_experiment
+from fopid_core.study.experiment import parse_experiment, read_experiment
 
 MINIMAL = {"process": "P1", "phases": [{"name": "step", "duration": 5.0, "setpoint": 1.0}]}
 

@@ -80,13 +80,16 @@ def benchmark(report: Callable[[float, str], None] | None = None, with_baseline_
         Whether the baseline's tuning is measured too; it takes most of the time.
     """
     parts: list[Callable[[], list[Figure]]] = [
+        _tick,
         _response,
         lambda: _tuning(with_baseline_tuning),
         _other_tunings,
+        lambda: _identification(with_baseline_tuning),
         _stability,
         _growth_with_horizon,
         _growth_with_order,
         _growth_with_candidates,
+        _campaign,
         _import_time,
     ]
     figures: list[Figure] = []
@@ -105,6 +108,19 @@ def best_time(work: Callable[[], object], repeats: int = 20) -> float:
         work()
         times.append(time.perf_counter() - begun)
     return min(times)
+
+
+def _tick() -> list[Figure]:
+    """What the running controller takes of a processor."""
+    from fopid_core.study.benchmark_tick import SAMPLES, tick_times
+
+    us = {name: 1e6 * took for name, took in tick_times(Fopid(*GAINS), SAMPLE_TIME).items()}
+    full = f"full memory of {SAMPLES:,} samples"
+    return [
+        Figure("tick of the controller", us["within"], "us", us["simple-pid"], "simple-pid", "asked for: 0.33 times"),
+        Figure("tick of the controller at a limit", us["at limit"], "us", us["simple-pid"], "simple-pid"),
+        Figure("tick of the controller beside brute force", us["within"], "us", us["full memory"], full),
+    ]
 
 
 def _response() -> list[Figure]:
@@ -182,6 +198,23 @@ def _other_tunings() -> list[Figure]:
     ]
 
 
+def _identification(with_baseline: bool) -> list[Figure]:
+    """P1 learnt from a noisy step of 5,000 samples."""
+    from fopid_core.design.identification import identify
+    from fopid_core.study.benchmark_identification import SAMPLES, compare, step_record
+
+    name = f"identification from {SAMPLES:,} samples"
+    if not with_baseline:
+        record = step_record()
+        return [Figure(name, best_time(lambda: identify(record, "nioptd2"), 5), "s", note="NIOPTD-II")]
+    found = compare()
+    note = f"error {found.error:.4f}, the baseline's {found.baseline_error:.4f} after {found.simulations} simulations"
+    return [
+        Figure(f"{name}, NIOPTD-II", found.ours, "s", found.baseline, "scipy curve_fit, time-stepped", note),
+        Figure(f"{name}, all templates", found.every, "s"),
+    ]
+
+
 def _stability() -> list[Figure]:
     loop = Loop(read_process("P1"), Fopid(*GAINS))
     rows = np.array(GAINS) * np.random.default_rng(0).uniform(0.5, 1.5, size=(256, 5))
@@ -218,6 +251,12 @@ def _growth_with_candidates() -> list[Figure]:
         each = best_time(lambda b=batch: problem.cost_and_slack(b), 10) / count  # type: ignore[misc]
         rows.append(Figure(f"cost and bounds, each of {count} at once", 1e6 * each, "us", 1e6 * alone, "one at a time"))
     return rows
+
+
+def _campaign() -> list[Figure]:
+    from fopid_core.study.benchmark_campaign import campaign_figures  # it builds on this module
+
+    return campaign_figures()
 
 
 def _import_time() -> list[Figure]:

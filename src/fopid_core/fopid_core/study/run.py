@@ -141,10 +141,3 @@ class Run:
         """The usual distance of two measurements [s]; NaN with fewer than two."""
         time = self.signals["measurement"].time
         return float(np.median(np.diff(time))) if time.size > 1 else float("nan")
-
-    def parameter(self, name: str) -> Any:
-        """The value that a parameter had last, from the events or else the experiment; None where neither has it."""
-        for change in reversed(self.parameters):
-            if change.name == name:
-                return change.value
-        return self.experiment.get("controller", {}).get(name)

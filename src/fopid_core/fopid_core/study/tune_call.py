@@ -1,0 +1,74 @@
+"""What an experiment asks of the tuner, as ``~/tune`` of the tuner's node takes it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from fopid_core.design.specification import TuningRequest, TuningResult, one_of, require
+from fopid_core.model.process import Process
+
+TIMEOUT = 30.0
+"""Of the tuner's node [s]."""
+
+MS_MAX = 4.0
+"""Gains with a larger max |S| are not applied: ``verify.ms_max`` of the tuner's node."""
+
+
+@dataclass(frozen=True)
+class TuneCall:
+    """What the tuner is asked at the start of a phase; zero or empty leaves it to the tuner."""
+
+    method: str = "frequency"
+    phase_margin_deg: float = 0.0
+    crossover: float = 0.0
+    index: str = ""
+    ms_max: float = 0.0
+    u_max: float = 0.0
+    horizon: float = 0.0
+    via: str = ""
+    rule: str = ""
+
+    def request(self, process: Process, sample_time: float) -> TuningRequest:
+        """The core's request, as the tuner's node makes it with its parameters at their defaults.
+
+        Raises
+        ------
+        InputError
+            Naming the field that cannot be used.
+        """
+        require(0.0 <= self.phase_margin_deg < 180.0, "phase_margin_deg", self.phase_margin_deg, "above 0, below 180")
+        if self.index:
+            from fopid_core.design.objectives import OBJECTIVES
+
+            one_of("index", self.index, OBJECTIVES)
+        if self.rule:
+            from fopid_core.design.rules import rule_names
+
+            one_of("rule", self.rule, rule_names())
+        return TuningRequest(
+            process,
+            method=self.method,
+            phase_margin=math.radians(self.phase_margin_deg) or None,
+            crossover=self.crossover or None,
+            index=self.index or "itae",
+            ms_max=self.ms_max or None,
+            u_max=self.u_max or None,
+            horizon=self.horizon or None,
+            via=self.via or "none",
+            rule=self.rule or None,
+            sample_time=sample_time,
+            timeout=TIMEOUT,
+        )
+
+
+def refusal(result: TuningResult, ms_max: float = MS_MAX) -> str:
+    """Why a design is not applied; empty when it may be."""
+    if result.controller is None or not result.stable:
+        return "not applied: no stable design"
+    if not result.success:
+        return "not applied: the specification is not met"
+    if result.achieved is None or result.achieved.ms > ms_max:
+        ms = math.nan if result.achieved is None else result.achieved.ms
+        return f"not applied: Ms = {ms:.3g} is above verify.ms_max = {ms_max:g}"
+    return ""
