@@ -1,0 +1,223 @@
+"""What the live page is made of: what it keeps, whom it lets in, how it goes back."""
+
+from __future__ import annotations
+
+import asyncio
+import doctest
+import importlib
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rclpy.task import Future
+
+from fopid_core.errors import InputError
+from fopid_ros.dashboard.access import Access, chosen_token
+from fopid_ros.dashboard.history import History, Place, thinned
+from fopid_ros.dashboard.main import listening_sockets, page_address
+from fopid_ros.dashboard.node import tuning_request
+from fopid_ros.dashboard.remote import RefusedError, answer
+from fopid_ros.dashboard.undo import Undo
+
+MODULES = ("access", "history", "main", "node", "remote", "undo", "web")
+derandomized = settings(derandomize=True, deadline=None, max_examples=60)
+values = st.floats(-1e6, 1e6) | st.just(math.nan)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_in_the_documentation_hold(name: str) -> None:
+    module = importlib.import_module(f"fopid_ros.dashboard.{name}")
+    assert doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE).failed == 0
+
+
+@derandomized
+@given(st.lists(st.tuples(values, values), max_size=60))
+def test_thinning_loses_no_extreme_and_invents_nothing(pairs: list[tuple[float, float]]) -> None:
+    rows = [(float(time), *pair) for time, pair in enumerate(pairs)]
+    kept = thinned(rows)
+    assert [row for row in rows if row in kept] == kept
+    assert len(kept) <= 2 * 3 + 2
+    for column in (1, 2):
+        before = [row[column] for row in rows if not math.isnan(row[column])]
+        after = [row[column] for row in kept if not math.isnan(row[column])]
+        assert bool(before) == bool(after)
+        if before:
+            assert (min(before), max(before)) == (min(after), max(after))
+    assert kept[:1] == rows[:1]
+    assert kept[-1:] == rows[-1:]
+
+
+@derandomized
+@given(st.lists(st.sampled_from(["sample", "settle", "read"]), max_size=80))
+def test_a_reader_gets_every_row_once_and_in_order(steps: list[str]) -> None:
+    history, place, got, sent = History(1000), Place(), [], 0
+    for step in [*steps, "settle", "read"]:
+        if step == "sample":
+            history.add(sent * 10_000_000, (float(sent),))
+            history.settle()
+            sent += 1
+        elif step == "settle":
+            history.settle()
+        else:
+            rows, place = history.since(place)
+            got += [row[1] for row in rows]
+    assert got == [float(k) for k in range(sent)]
+
+
+def test_a_late_reader_gets_what_is_kept_and_no_more() -> None:
+    history = History(size=10)
+    for k in range(25):
+        history.add(k * 1_000_000_000, (float(k),))
+        history.settle()
+    rows, place = history.since(Place())
+    assert [row[1] for row in rows] == [float(k) for k in range(15, 25)]
+    assert history.since(place)[0] == []
+
+
+def test_many_samples_between_two_messages_stay_few_and_keep_their_peak() -> None:
+    history = History(1000)
+    for k in range(5000):
+        history.add(k * 1_000_000, (math.sin(k), 99.0 if k == 1234 else 0.0))
+    history.settle()
+    rows, _ = history.since(Place())
+    assert len(rows) <= 8
+    assert (1.234, 99.0) in [(row[0], row[2]) for row in rows]
+
+
+def test_time_that_falls_back_begins_a_new_record() -> None:
+    history = History(100)
+    for second in (5, 6, 7):
+        history.add(second * 1_000_000_000, (0.0,))
+    history.settle()
+    _, place = history.since(Place())
+    history.add(0, (1.0,))
+    history.settle()
+    rows, now = history.since(place)
+    assert rows == [(0.0, 1.0)]
+    assert now.record == place.record + 1
+
+
+def test_what_comes_a_little_late_is_left_out() -> None:
+    history = History(100)
+    for instant in (1_000_000_000, 2_000_000_000, 1_900_000_000, 2_000_000_000, 2_100_000_000):
+        history.add(instant, (0.0,))
+        history.settle()
+    rows, place = history.since(Place())
+    assert [row[0] for row in rows] == pytest.approx([0.0, 1.0, 1.1], abs=1e-12)
+    assert place.record == 1
+
+
+def test_of_two_rows_of_one_instant_the_later_one_is_kept() -> None:
+    history = History(100)
+    for instant, value in ((1, 0.0), (2, 1.0), (2, 2.0), (3, 3.0)):
+        history.add(instant * 1_000_000_000, (value,))
+    history.settle()
+    assert [row[1] for row in history.since(Place())[0]] == [0.0, 3.0]
+    history.add(4_000_000_000, (1.0,))
+    history.add(4_000_000_000, (2.0,))
+    history.settle()
+    assert [row[1] for row in history.since(Place())[0]] == [0.0, 3.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("host", "known"),
+    [
+        ("127.0.0.1:8077", True), ("localhost:8077", True), ("[::1]:8077", True), ("192.168.1.7", True),
+        ("bench7:8077", True), ("BENCH7", True), ("evil.example:8077", False), ("127.0.0.1.evil.example", False),
+        ("localhost.evil.example", False), ("", False), ("[::1", False),
+    ],
+)  # fmt: skip
+def test_only_names_of_this_server_are_known(host: str, known: bool) -> None:
+    assert Access("x" * 20, frozenset({"bench7"})).knows_host(host) is known
+
+
+@pytest.mark.parametrize(
+    ("origin", "known"),
+    [
+        (None, True), ("http://127.0.0.1:8077", True), ("https://127.0.0.1:8077", True),
+        ("http://127.0.0.1:8078", False), ("http://evil.example", False), ("null", False), ("", False),
+        ("file://", False), ("ftp://127.0.0.1:8077", False), ("http://127.0.0.1:8077.evil.example", False),
+    ],
+)  # fmt: skip
+def test_only_our_own_page_may_ask(origin: str | None, known: bool) -> None:
+    assert Access("x" * 20).knows_origin(origin, "127.0.0.1:8077") is known
+
+
+@pytest.mark.parametrize("shown", ["", "Bearer ", "Bearer wrong", "Basic the-right-token!", "Bearer the-right-token! "])
+def test_only_the_token_allows_a_change(shown: str) -> None:
+    access = Access("the-right-token!")
+    assert not access.allows_change(shown)
+    assert access.allows_change("Bearer the-right-token!")
+    assert "the-right-token!" not in repr(access)
+
+
+def test_tokens_are_random_or_long_enough() -> None:
+    assert chosen_token(None) != chosen_token(None)
+    assert chosen_token("sixteen letters!") == "sixteen letters!"
+    for bad in ("", "short", "x" * 15, "ä" * 20, "new\nline in a token"):
+        with pytest.raises(InputError, match="FOPID_DASHBOARD_TOKEN has"):
+            chosen_token(bad)
+
+
+@derandomized
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=20, unique=True))
+def test_going_back_again_and_again_passes_all_gains_in_reverse(kps: list[float]) -> None:
+    undo, passed = Undo(), []
+    for kp in kps:
+        undo.see({"kp": kp})
+        undo.see({"kp": kp})  # told twice, as a restart of the page would
+    while (previous := undo.previous) is not None:
+        passed.append(previous["kp"])
+        undo.see(previous)
+    assert passed == kps[-2::-1]
+
+
+def test_no_more_than_fifty_sets_of_gains_are_remembered() -> None:
+    undo, steps = Undo(), 0
+    for kp in range(80):
+        undo.see({"kp": kp})
+    while (previous := undo.previous) is not None:
+        undo.see(previous)
+        steps += 1
+    assert steps == 50
+
+
+@pytest.mark.parametrize(("seconds", "is_there"), [(0.0, True), (60.0, False)])
+def test_an_answer_that_does_not_come_is_not_waited_for(seconds: float, is_there: bool) -> None:
+    with pytest.raises(RefusedError, match=r"^/fopid_tuner does not answer$"):
+        asyncio.run(answer(Future(), "/fopid_tuner", seconds, lambda: is_there))
+
+
+def test_an_answer_is_taken_when_it_is_there() -> None:
+    future = Future()
+    future.set_result(7)
+    assert asyncio.run(answer(future, "/fopid_tuner", 0.0)) == 7
+
+
+@pytest.mark.parametrize(
+    ("fields", "named"),
+    [
+        ({"crossover": "0.3"}, "crossover = '0.3'; allowed: a number"),
+        ({"crossover": math.nan}, "crossover = nan"),
+        ({"crossover": True}, "crossover = True"),
+        ({"method": 3}, "method = 3; allowed: a text"),
+        ({"apply": 1}, "apply = 1; allowed: true or false"),
+        ({"timeout": 1e9}, "field = 'timeout'"),
+    ],
+)
+def test_fields_of_a_tuning_are_checked(fields: dict, named: str) -> None:
+    with pytest.raises(InputError) as told:
+        tuning_request(fields)
+    assert named in str(told.value)
+
+
+def test_addresses_are_ones_a_browser_can_open() -> None:
+    assert page_address("0.0.0.0", 80, None) == "http://127.0.0.1:80/"
+    assert page_address("::1", 8077, "t") == "http://[::1]:8077/#token=t"
+
+
+@pytest.mark.parametrize(("host", "port"), [("127.0.0.1", 65536), ("127.0.0.1", -1), ("203.0.113.7", 0)])
+def test_places_that_cannot_be_listened_at_are_named(host: str, port: int) -> None:
+    with pytest.raises(InputError, match=rf"port = {port}"):
+        listening_sockets(host, port)
