@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
 
 from fopid_core.model.fopid import Fopid
@@ -99,7 +100,7 @@ def test_a_design_too_fast_for_the_tick_is_never_applied(shared_graph: Graph) ->
     answer = shared_graph.call(Tune, "fopid_tuner/tune", Tune.Request(process="(s+1)/(s+2)", apply=True))
     assert answer.achieved.stable
     assert not answer.applied
-    assert "delay margin 0 s is below 2 ticks" in answer.message
+    assert "delay margin 0 s is below 0.02 s" in answer.message
     assert shared_graph.get("fopid_controller", *GAINS) == before
 
 
@@ -171,3 +172,13 @@ def shared_graph(tmp_path_factory: pytest.TempPathFactory):
             yield graph
         finally:
             graph.close()
+
+
+def test_the_tuner_tells_of_its_health(graph: Graph) -> None:
+    start_tuner(graph)
+    heard = graph.listen(DiagnosticArray, "/diagnostics")
+    graph.until(lambda: heard, "diagnostics of the tuner")
+    status = heard[0].status[0]
+    assert status.name == "/fopid_tuner"
+    assert status.message == "idle"
+    assert {pair.key: pair.value for pair in status.values}["process"] == "P1"

@@ -5,50 +5,49 @@ from __future__ import annotations
 import math
 import sys
 import threading
-from dataclasses import dataclass
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, MultiThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 
+from fopid_core.design.identification import IdentifiedModel, identify
 from fopid_core.design.reduction import preferred, reduce, reduce_all
-from fopid_core.design.specification import METHODS, VIA
-from fopid_core.design.tuner import Bound, TuningRequest, TuningResult, tune
+from fopid_core.design.tuner import TuningRequest, TuningResult, tune
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process, read_process
-from fopid_msgs.msg import Gains, LoopMeasures, ReducedModel
+from fopid_msgs.action import Autotune
+from fopid_msgs.msg import ReducedModel
 from fopid_msgs.msg import TuningResult as TuningResultMessage
-from fopid_msgs.srv import Reduce, Tune
-from fopid_ros.controller_client import GAINS, ControllerClient
+from fopid_msgs.srv import Identify, Reduce, Tune
+from fopid_ros.autotune import AutotuneOutcome, Autotuner
+from fopid_ros.controller_client import ControllerClient
+from fopid_ros.diagnostics import diagnostic_array, diagnostic_status
+from fopid_ros.loop_tap import LoopTap
+from fopid_ros.loop_wait import CancelledError, Stage
 from fopid_ros.node import ManagedNode, latched_qos, run
-from fopid_ros.parameters import Spec
 from fopid_ros.signals import header_stamp
+from fopid_ros.tuner_messages import (
+    autotune_request,
+    fill_autotune_result,
+    fill_gains,
+    fill_measures,
+    identified_message,
+    tuning_request,
+)
+from fopid_ros.tuner_parameters import SPECS
 
-LEAST_TICKS = 2
-"""Delay margin that gains need to be applied: a held control is half a tick late, its messages up to another."""
-_ZERO_CHOOSES = "; 0 leaves it to the method"
-
-SPECS = (
-    Spec("process", "", "P1 ... P4, a transfer function in s as text, or a YAML file; empty until known"),
-    Spec("controller", "fopid_controller", "node name of the controller", read_only=True),
-    Spec("method", "frequency", "what ~/tune does when not told", choices=METHODS),
-    Spec("phase_margin", 0.0, f"phase margin to reach [rad]{_ZERO_CHOOSES}", 0.0, math.pi),
-    Spec("crossover", 0.0, f"gain crossover to reach [rad/s]{_ZERO_CHOOSES}", 0.0, 1e9),
-    Spec("t_max_db", 0.0, "bound on |T| from t_max_frequency on [dB]", -1e3, 1e3),
-    Spec("t_max_frequency", 0.0, "where that bound begins [rad/s]; 0 for no bound", 0.0, 1e9),
-    Spec("s_max_db", 0.0, "bound on |S| up to s_max_frequency [dB]", -1e3, 1e3),
-    Spec("s_max_frequency", 0.0, "where that bound ends [rad/s]; 0 for no bound", 0.0, 1e9),
-    Spec("via", "none", "template the process is reduced to before tuning by frequency", choices=VIA),
-    Spec("index", "itae", "what tuning in time makes small: iae ise itae itse istes istse sum"),
-    Spec("horizon", 0.0, f"time the index is integrated over [s]{_ZERO_CHOOSES}", 0.0, 1e9),
-    Spec("ms_max", 0.0, f"bound on max |S|{_ZERO_CHOOSES}", 0.0, 1e3),
-    Spec("u_max", 0.0, f"bound on the control's peak after a unit setpoint step{_ZERO_CHOOSES}", 0.0, 1e9),
-    Spec("rule", "", "name of the tuning rule"),
-    Spec("timeout", 30.0, "give the best found after this long, marked unsuccessful [s]", 1e-3, 1e6),
-    Spec("sample_time", 0.01, "tick of the controller that will run the gains [s]", 1e-6, 1e6),
-    Spec("verify.ms_max", 4.0, "gains with a larger max |S| are not applied", 1.0, 1e6),
-)  # fmt: skip
+FINISH_TIME = 5.0
+"""How long a request may take to end when the node is told to stop [s]."""
 
 
 @dataclass(frozen=True)
@@ -60,37 +59,8 @@ class Applied:
     previous: Fopid | None = None
 
 
-def _given(request: Tune.Request, defaults: dict[str, Any], name: str) -> Any:
-    """The request's field, or the parameter of that name where the field is zero or empty; None if both are."""
-    return getattr(request, name) or defaults[name] or None
-
-
-def tuning_request(request: Tune.Request, defaults: dict[str, Any]) -> TuningRequest:
-    """The core's request from a service request and the node's parameters.
-
-    Raises
-    ------
-    InputError
-        Naming the field that cannot be used.
-    """
-    process = request.process or defaults["process"]
-    if not process:
-        raise InputError("process = ''; allowed: P1 ... P4 or a transfer function, here or as the tuner's parameter")
-    bounds = {}
-    for name in ("t_max", "s_max"):
-        frequency = _given(request, defaults, f"{name}_frequency")
-        db = getattr(request, f"{name}_db") or defaults[f"{name}_db"]
-        bounds[name] = Bound(db, frequency) if frequency is not None else None
-        if frequency is None and getattr(request, f"{name}_db"):
-            raise InputError(f"{name}_frequency = 0; allowed: above 0 rad/s, since {name}_db is given")
-    numbers = {name: _given(request, defaults, name)
-               for name in ("phase_margin", "crossover", "horizon", "ms_max", "u_max", "rule", "timeout")}  # fmt: skip
-    words = {name: _given(request, defaults, name) for name in ("method", "via", "index")}
-    return TuningRequest(read_process(process), sample_time=defaults["sample_time"], **bounds, **numbers, **words)
-
-
 class TunerNode(ManagedNode):
-    """Serves ~/tune and ~/reduce, publishes ~/result.
+    """Serves ~/tune, ~/reduce and ~/identify, publishes ~/result.
 
     Services run in threads of their own, so the node answers others while it works.
     """
@@ -102,10 +72,23 @@ class TunerNode(ManagedNode):
         super().__init__()
         concurrent = ReentrantCallbackGroup()
         self._busy = threading.Lock()
+        self._stopping = threading.Event()
         self._results = self.create_publisher(TuningResultMessage, "~/result", latched_qos(depth=100))
         self._controller = ControllerClient(self, self.get_parameter("controller").value, concurrent)
         self.create_service(Tune, "~/tune", self._on_tune, callback_group=concurrent)
         self.create_service(Reduce, "~/reduce", self._on_reduce, callback_group=concurrent)
+        self.create_service(Identify, "~/identify", self._on_identify, callback_group=concurrent)
+        self._action = ActionServer(
+            self, Autotune, "~/autotune", self._on_autotune, callback_group=concurrent,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )  # fmt: skip
+        self._stage = "idle"
+        self._last = ""
+
+    def open(self, values: dict[str, Any]) -> None:
+        self._tap = LoopTap(self, values)
+        self._diagnostics = self.endpoints.publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
+        self.endpoints.timer(1.0, self._publish_diagnostics, Clock(clock_type=ClockType.STEADY_TIME))
 
     def check(self, values: dict[str, Any]) -> None:
         if values["process"]:
@@ -113,14 +96,21 @@ class TunerNode(ManagedNode):
         tuning_request(Tune.Request(process="P1"), values)
 
     def _on_tune(self, request: Tune.Request, response: Tune.Response) -> Tune.Response:
+        return self._alone(lambda: self._tune(request, response), response)
+
+    def _on_identify(self, request: Identify.Request, response: Identify.Response) -> Identify.Response:
+        return self._alone(lambda: self._identify(request, response), response)
+
+    def _alone(self, work: Callable[[], None], response: Any) -> Any:
+        """Do what only one request at a time may do; say what is wrong with it in the response's message."""
         if not self._busy.acquire(blocking=False):
-            response.message = "busy with another tuning; ask again when ~/result has it"
+            response.message = "busy with another request; ask again when it is answered"
             return response
         try:
-            self._tune(request, response)
+            work()
         except InputError as error:
             response.message = str(error)
-            self.get_logger().warning(f"tuning refused, nothing changed: {error}")
+            self.get_logger().warning(f"refused, nothing changed: {error}")
         finally:
             self._busy.release()
         return response
@@ -131,7 +121,7 @@ class TunerNode(ManagedNode):
         result = tune(wanted)
         applied = Applied(False, "")
         if request.apply:
-            refusal = _refusal(result, values["verify.ms_max"], values["sample_time"])
+            refusal = _refusal(result, values["verify.ms_max"], values["verify.ticks"] * values["sample_time"])
             applied = Applied(False, refusal) if refusal else self._apply(result.controller)
         response.success = result.success and (applied.done or not request.apply)
         response.applied = applied.done
@@ -139,8 +129,8 @@ class TunerNode(ManagedNode):
         response.unmet = list(result.unmet)
         response.elapsed = result.elapsed
         if result.controller is not None:
-            _fill_gains(response.gains, result.controller)
-        _fill_measures(response.achieved, result)
+            fill_gains(response.gains, result.controller)
+        fill_measures(response.achieved, result)
         self._publish_result(response, wanted, applied)
         self.get_logger().info(f"{wanted.method}: {response.message}")
 
@@ -157,9 +147,89 @@ class TunerNode(ManagedNode):
             elapsed=response.elapsed,
         )  # fmt: skip
         if applied.previous is not None:
-            _fill_gains(message.previous_gains, applied.previous)
+            fill_gains(message.previous_gains, applied.previous)
+        self._publish(message)
+
+    def _publish(self, message: TuningResultMessage) -> None:
         header_stamp(message.header, self.get_clock().now().nanoseconds)
+        self._last = message.message
         self._results.publish(message)
+
+    def _publish_diagnostics(self) -> None:
+        facts = {
+            "process": self.get_parameter("process").value or "not known",
+            "controller": self._controller.name,
+            "last result": self._last or "none",
+            "last rejected parameter set": self.last_rejected or "none",
+        }
+        state = "tuning" if self._stage == "idle" and self._busy.locked() else self._stage
+        status = diagnostic_status(self.get_fully_qualified_name(), state, [], facts)
+        self._diagnostics.publish(diagnostic_array(status, self))
+
+    def finish(self) -> None:
+        """An autotuning under way is cancelled and puts back what it changed."""
+        self._stopping.set()
+        if self._busy.acquire(timeout=FINISH_TIME):
+            self._busy.release()
+
+    def _on_autotune(self, goal: ServerGoalHandle) -> Autotune.Result:
+        result = Autotune.Result()
+        began = time.monotonic()
+        self._alone(lambda: self._autotune(goal, result), result)
+        result.elapsed = time.monotonic() - began
+        if goal.is_cancel_requested:
+            goal.canceled()
+        elif result.success:
+            goal.succeed()
+        else:
+            goal.abort()
+        return result
+
+    def _autotune(self, goal: ServerGoalHandle, result: Autotune.Result) -> None:
+        def tell(stage: Stage) -> None:
+            self._stage = stage.phase
+            goal.publish_feedback(Autotune.Feedback(**asdict(stage)))
+
+        request = autotune_request(goal.request, self.values())
+
+        def ended() -> bool:
+            return bool(goal.is_cancel_requested or self._stopping.is_set())
+
+        tuner = Autotuner(self._tap, self._controller, request, tell, ended)
+        try:
+            outcome = tuner.run()
+        except CancelledError:
+            result.message = "cancelled; gains and control are as they were"
+            return
+        finally:
+            self._stage = "idle"
+        fill_autotune_result(result, outcome)
+        self._publish_autotuning(result, outcome)
+        if outcome.success and outcome.model is not None:
+            self._adopt(outcome.model)
+
+    def _publish_autotuning(self, result: Autotune.Result, outcome: AutotuneOutcome) -> None:
+        tuning = outcome.tuned.tuning if outcome.tuned else None
+        message = TuningResultMessage(
+            method=f"autotune {tuning.method}" if tuning else "autotune", process=result.model.process,
+            success=result.success, applied=result.applied, message=result.message, gains=result.gains,
+            previous_gains=result.previous_gains, achieved=result.achieved, unmet=list(tuning.unmet) if tuning else [],
+            elapsed=outcome.tuned.elapsed if outcome.tuned else 0.0,
+        )  # fmt: skip
+        self._publish(message)
+
+    def _identify(self, request: Identify.Request, response: Identify.Response) -> None:
+        now = self.get_clock().now().nanoseconds * 1e-9
+        since = now - request.duration if request.duration else -math.inf
+        found = identify(self._tap.history.record(since), request.template_name or "all")
+        if found.success and request.adopt:
+            self._adopt(found.best)
+        models = sorted(found.models, key=lambda model: (model is not found.best, -model.fit_pct))
+        response.models = [identified_message(model) for model in models]
+        response.success, response.message, response.elapsed = found.success, found.message, found.elapsed
+
+    def _adopt(self, model: IdentifiedModel) -> None:
+        self.set_parameters_atomically([Parameter("process", value=str(model.process))])
 
     def _on_reduce(self, request: Reduce.Request, response: Reduce.Response) -> Reduce.Response:
         try:
@@ -187,7 +257,7 @@ class TunerNode(ManagedNode):
         return read_process(known)
 
 
-def _refusal(result: TuningResult, ms_max: float, sample_time: float) -> str:
+def _refusal(result: TuningResult, ms_max: float, delay_margin: float) -> str:
     """Why a design is not applied; empty when it may be."""
     if result.controller is None or not result.stable:
         return "not applied: no stable design"
@@ -196,24 +266,11 @@ def _refusal(result: TuningResult, ms_max: float, sample_time: float) -> str:
     if result.achieved is None or result.achieved.ms > ms_max:
         ms = math.nan if result.achieved is None else result.achieved.ms
         return f"not applied: Ms = {ms:.3g} is above verify.ms_max = {ms_max:g}"
-    if result.achieved.delay_margin < LEAST_TICKS * sample_time:
-        margin = f"delay margin {result.achieved.delay_margin:.3g} s"
-        return f"not applied: {margin} is below {LEAST_TICKS} ticks of {sample_time:g} s; it may be unstable as it runs"
+    if result.achieved.delay_margin < delay_margin:
+        # A held control is half a tick late, and its messages up to another.
+        too_small = f"delay margin {result.achieved.delay_margin:.3g} s is below {delay_margin:.3g} s (verify.ticks)"
+        return f"not applied: {too_small}; the loop may be unstable as it runs"
     return ""
-
-
-def _fill_gains(message: Gains, controller: Fopid) -> None:
-    for name, value in zip(GAINS, controller.gains, strict=True):
-        setattr(message, name, value)
-
-
-def _fill_measures(message: LoopMeasures, result: TuningResult) -> None:
-    message.stable, message.unstable_poles, message.cost = result.stable, result.unstable_poles, result.cost
-    if result.achieved is None:
-        return
-    for name in ("phase_margin", "crossover", "phase_slope", "gain_margin_db", "delay_margin", "ms", "mt",
-                 "t_db", "s_db"):  # fmt: skip
-        setattr(message, name, float(getattr(result.achieved, name)))
 
 
 def _executor() -> Executor:

@@ -47,6 +47,11 @@ class History:
         with self._lock:
             return self._samples[signal][-1][1] if self._samples[signal] else math.nan
 
+    def newest_time(self, signal: str) -> float:
+        """When its newest value came [s], -inf before the first."""
+        with self._lock:
+            return self._samples[signal][-1][0] if self._samples[signal] else -math.inf
+
     def record(self, since: float = -math.inf) -> Record:
         """What the controller saw and did at each of its ticks from ``since`` [s] on.
 
