@@ -9,7 +9,9 @@ EXECUTABLES = {
     "plant_simulator": "plant_simulator",
     "fopid_controller": "fopid_controller",
     "fopid_tuner": "fopid_tuner",
+    "autotune": "autotune_command",
     "experiment": "experiment",
+    "dashboard": "dashboard.main",
     "fopid_demo": "demo",
     "fopid_ros_benchmark": "benchmark",
 }
@@ -49,17 +51,18 @@ setup(
     license=manifest.findtext("license"),
     python_requires=">=3.11",
     packages=find_packages(include=[name, f"{name}.*"]),
-    package_data={"": ["py.typed", "*.yaml"]},
+    package_data={"": ["py.typed", "*.yaml", "*.xml"], f"{name}.dashboard": ["static/*.*", "static/uplot/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
         *shared("launch", "*.launch.py"),
-        # `config` is a link to the repository's own folder of that name.
+        # `config` and `layouts` are links to the repository's own folders of these names.
         *shared("config", "*.yaml"),
+        *shared("layouts", "*.*"),
     ],
     zip_safe=False,
     # What comes with ROS 2 (rclpy, the messages) is in package.xml.
-    install_requires=["fopid_core", "numpy", "pyyaml"],
+    install_requires=["fopid_core", "numpy", "pyyaml", "tornado"],
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [f"{executable} = {name}.{module}:main" for executable, module in EXECUTABLES.items()]

@@ -26,7 +26,7 @@ from fopid_msgs.srv import Advance
 from fopid_ros.processes import ros_arguments
 
 BIN = Path(sys.executable).parent
-PATIENCE = 30.0
+PATIENCE = 60.0
 SETTLE = 0.3  # [s] a server may find a new client a little later than the client finds it; its answer would be lost
 DEEP = QoSProfile(depth=100_000)
 
@@ -101,6 +101,17 @@ class Graph:
         self.node.create_subscription(kind, topic, messages.append, qos)
         return messages
 
+    def listen_once(self, kind: type, topic: str) -> list[Any]:
+        """The same, but of messages with one stamp the first: in lockstep what is late to be answered is sent again."""
+        messages: list[Any] = []
+
+        def arrived(message: Any) -> None:
+            if not messages or message.header.stamp != messages[-1].header.stamp:
+                messages.append(message)
+
+        self.node.create_subscription(kind, topic, arrived, DEEP)
+        return messages
+
     def parameters(self, node: str) -> AsyncParameterClient:
         if node not in self._clients:
             self._clients[node] = AsyncParameterClient(self.node, node)
@@ -144,8 +155,8 @@ class LockstepLoop:
         remap = ["-r", f"__ns:=/{namespace}", "-r", "/clock:=clock"] if namespace else []
         common = {"trigger": "lockstep", "sample_time": sample_time}
         node = graph.node
-        self.measurements = graph.listen(ScalarStamped, f"{self.prefix}measurement")
-        self.controls = graph.listen(ScalarStamped, f"{self.prefix}control")
+        self.measurements = graph.listen_once(ScalarStamped, f"{self.prefix}measurement")
+        self.controls = graph.listen_once(ScalarStamped, f"{self.prefix}control")
         self.states = graph.listen(FopidState, f"{self.prefix}fopid_controller/state")
         self._setpoint = node.create_publisher(ScalarStamped, f"{self.prefix}setpoint", 1)
         self._disturbance = node.create_publisher(ScalarStamped, f"{self.prefix}disturbance", 1)

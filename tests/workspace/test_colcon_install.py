@@ -14,6 +14,8 @@ ROOT = Path(__file__).parents[2]
 INSTALL = ROOT / "build" / "colcon" / "install"
 PACKAGES = ("fopid_core", "fopid_msgs", "fopid_ros")
 EXECUTABLES = (
+    "autotune",
+    "dashboard",
     "experiment",
     "fopid_controller",
     "fopid_demo",

@@ -27,6 +27,7 @@ from rich.table import Table
 from fopid_core.errors import InputError
 from fopid_msgs.msg import ScalarStamped
 from fopid_msgs.srv import Advance
+from fopid_ros.benchmark_cpu import BareNode, node_cost
 from fopid_ros.fopid_controller import ControllerNode
 from fopid_ros.node import loop_qos
 from fopid_ros.plant_simulator import PlantSimulator
@@ -209,15 +210,19 @@ def measure(samples: int, seconds: float, console: Console) -> Table:
         ours_us, bare_us = float(np.percentile(ours, share)), float(np.percentile(bare, share))
         name = f"controller at 100 Hz, jitter, {share} % below"
         table.add_row(name, f"{ours_us:.0f} us", f"{bare_us:.0f} us (bare timer)", f"{ours_us / bare_us:.2f}")
+    with console.status("measuring the processor's time"):
+        cost, base = node_cost(GAINS, seconds, _until)
+    name = "controller at 200 Hz, share of a core"
+    table.add_row(name, f"{cost:.1%}", f"{base:.1%} (bare node with its traffic)", f"{cost / base:.2f}")
     return table
 
 
-def _serve_echo() -> int:
-    """The other process of the ping-pong; its parent ends it."""
+def _serve(make_node: Callable[[], Node]) -> int:
+    """Another process of a measurement; its parent ends it."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
-    executor.add_node(Echo())
+    executor.add_node(make_node())
     executor.spin_until_future_complete(Future(), timeout_sec=10 * PATIENCE)
     return 0
 
@@ -228,9 +233,10 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument("--samples", type=int, default=5000, help="samples of each run (5000)")
     parser.add_argument("--seconds", type=float, default=5.0, help="length of the jitter measurements [s] (5)")
     parser.add_argument("--echo", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(args)
-    if options.echo:
-        return _serve_echo()
+    if options.echo or options.bare:
+        return _serve(Echo if options.echo else BareNode)
     console = Console()
     rclpy.init()
     try:

@@ -5,151 +5,142 @@ from __future__ import annotations
 import math
 import sys
 import time
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from rclpy.context import Context
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
-from fopid_core.model.fopid import ORDER_RANGE, Fopid
-from fopid_core.runtime.controller import ControllerSettings, FopidController
-from fopid_core.runtime.filter_bank import Band
+from fopid_core.runtime.controller import FopidController
 from fopid_msgs.msg import FopidState
-from fopid_ros.node import LOCKSTEP_DEPTH, TIMING, ManagedNode, loop_qos, run, take_waiting
-from fopid_ros.parameters import Spec
-from fopid_ros.signals import SignalType, header_stamp, signal_specs
+from fopid_ros.ahead import Ahead
+from fopid_ros.controller_parameters import SIGNALS, SPECS, controller_settings, signal_types
+from fopid_ros.diagnostics import Monitor, diagnostic_array, diagnostic_status, several_publishers, worries
+from fopid_ros.inputs import Input, is_number
+from fopid_ros.node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run, take_waiting
+from fopid_ros.parameter_file import write_parameter_file
+from fopid_ros.signals import SignalType, header_stamp
 
-_ORDERS = {"low": ORDER_RANGE[0], "high": ORDER_RANGE[1]}
-_SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "control")
-
-SPECS = (
-    Spec("kp", 0.0, "proportional gain", -1e300, 1e300),
-    Spec("ki", 0.0, "integral gain [1/s^lam]", -1e300, 1e300),
-    Spec("kd", 0.0, "derivative gain [s^mu]", -1e300, 1e300),
-    Spec("lam", 1.0, "order of the integral", **_ORDERS),
-    Spec("mu", 1.0, "order of the derivative", **_ORDERS),
-    Spec("sample_time", 0.01, "time between ticks [s]", 1e-6, 1e6, read_only=True),
-    Spec("band.low", 0.0, "lower edge of the band of the fractional powers [rad/s]; 0 chooses", 0.0, 1e9),
-    Spec("band.high", 0.0, "upper edge of that band [rad/s]; 0 chooses the Nyquist frequency", 0.0, 1e9),
-    Spec("band.poles", 0, "number of lags on that band; 0 chooses", 0, 60),
-    Spec("setpoint_weight", 1.0, "share of the setpoint in the proportional part", 0.0, 1.0),
-    Spec("derivative_setpoint_weight", 1.0, "the same for the derivative; 0: of the measurement alone", 0.0, 1.0),
-    Spec("derivative_filter_time", 0.0, "time constant of the lag before the derivative [s]", 0.0, 1e9),
-    Spec("control_min", -math.inf, "lower limit of the control; -inf for none"),
-    Spec("control_max", math.inf, "upper limit of the control; inf for none"),
-    Spec("control_rate_max", math.inf, "largest change of the control per second; inf for none", 0.0),
-    Spec("antiwindup", "back_calculation", "what keeps the integral from winding up",
-         choices=("none", "back_calculation", "conditional_integration")),
-    Spec("tracking_time", 0.0, "how fast back-calculation takes the integral back [s]; 0 chooses", 0.0, 1e9),
-    Spec("bumpless", True, "on new gains the integral takes up the step between old and new reading"),
-    Spec("measurement_timeout", 0.0, "age of the measurement that counts as stale [s]; 0 for off", 0.0, 1e9),
-    Spec("setpoint_timeout", 0.0, "age of the setpoint that counts as stale [s]; 0 for off", 0.0, 1e9),
-    Spec("on_stale", "hold", "the control while an input is stale", choices=("hold", "safe", "manual")),
-    Spec("safe_control", 0.0, "the control before the first tick and after the last", -1e300, 1e300),
-    Spec("mode", "auto", "auto, or manual: the control follows the topic manual_control", choices=("auto", "manual")),
-    TIMING,
-    *(spec for name in _SIGNALS for spec in signal_specs(name)),
-)  # fmt: skip
-
-
-def _band(values: dict[str, Any]) -> Band | None:
-    low, high, poles = values["band.low"], values["band.high"], values["band.poles"]
-    if not (low or high or poles):
-        return None
-    chosen = Band.for_sample_time(values["sample_time"])
-    return Band(low or chosen.low, high or chosen.high, poles or chosen.poles)
-
-
-def controller_settings(values: dict[str, Any]) -> ControllerSettings:
-    """The core's settings from the node's parameters."""
-    names = (
-        "sample_time", "setpoint_weight", "derivative_setpoint_weight", "derivative_filter_time", "control_min",
-        "control_max", "control_rate_max", "antiwindup", "tracking_time", "bumpless", "safe_control",
-    )  # fmt: skip
-    gains = Fopid(*(values[name] for name in ("kp", "ki", "kd", "lam", "mu")))
-    return ControllerSettings(gains=gains, band=_band(values), **{name: values[name] for name in names})
+NS = 1_000_000_000
 
 
 class ControllerNode(ManagedNode):
-    """Subscribes setpoint, measurement, feedforward and manual_control; publishes control and ~/state."""
+    """Subscribes setpoint, measurement, feedforward, manual_control and tracking; publishes control and ~/state."""
 
     NAME = "fopid_controller"
     SPECS = SPECS
 
-    def __init__(self, context: Context | None = None) -> None:
-        super().__init__(context=context)
-        values = self.values()
-        self._controller = FopidController(controller_settings(values))
-        self._controller.set_mode(values["mode"])
-        self._values = values
-        self._lockstep = values["trigger"] == "lockstep"
-        self._period_ns = round(values["sample_time"] * 1e9)
-        self._inputs: dict[str, float] = {"setpoint": math.nan, "measurement": math.nan,
-                                          "feedforward": 0.0, "manual_control": 0.0}  # fmt: skip
-        self._arrived: dict[str, int] = {}
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._ticks = self._overruns = self._refused = self._saturated_ticks = self._stale_ticks = 0
-        self._last_tick_ns: int | None = None
-        self._last_stamp: int | None = None
-        self._interval = 0.0
-        self._timer: Timer | None = None
-        self._create_endpoints()
-
-    def _create_endpoints(self) -> None:
-        values, lockstep = self._values, self._lockstep
-        types = {name: SignalType(values[f"{name}.type"], values[f"{name}.field"]) for name in _SIGNALS}
-        self._types = types
-        reliable = loop_qos(lockstep=lockstep)
-        measurement_qos = loop_qos(lockstep=lockstep, reliable=False)
-
-        def listen(name: str, qos: QoSProfile, then: Any = None) -> Any:
-            read = types[name].read
-
-            def arrived(message: Any) -> None:
-                if self._take(name, read(message)) and then is not None:
-                    then(message)
-
-            return self.create_subscription(types[name].message_type, name, arrived, qos)
-
-        # In lockstep everything that has arrived before a measurement counts for its tick.
-        self._slow = [listen(name, reliable) for name in ("setpoint", "feedforward", "manual_control")]
-        listen("measurement", measurement_qos, self._answer if lockstep else None)
-        self._write = types["control"].writer()
-        self._control_publisher = self.create_publisher(types["control"].message_type, "control", reliable)
-        self._state = FopidState()
-        self._state_publisher = self.create_publisher(
-            FopidState, "~/state", QoSProfile(depth=LOCKSTEP_DEPTH if lockstep else 10)
-        )
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(SetBool, "~/set_auto", self._on_set_auto)
-        self.create_timer(1.0, self._publish_diagnostics, clock=self._steady)
+    _active = False
+    _timer: Timer | None = None
 
     def check(self, values: dict[str, Any]) -> None:
-        controller_settings(values)
-        for name in _SIGNALS:
-            SignalType(values[f"{name}.type"], values[f"{name}.field"])
+        controller_settings(values, signal_types(values)["control"])
+
+    # What lives from configure to cleanup.
+
+    def open(self, values: dict[str, Any]) -> None:
+        self._types = types = signal_types(values)
+        self._values = values
+        self._controller = FopidController(controller_settings(values, types["control"]))
+        self._controller.set_mode(values["mode"])
+        self._lockstep = values["trigger"] == "lockstep"
+        self._period_ns = round(values["sample_time"] * NS)
+        self._setpoint, self._measurement, self._tracking = Input("setpoint"), Input("measurement"), Input("tracking")
+        self._feedforward, self._manual = Input("feedforward", 0.0), Input("manual_control")
+        self._inputs = (self._setpoint, self._measurement, self._feedforward, self._manual, self._tracking)
+        self._lacking: list[Input] = []
+        self._monitor = Monitor(values["sample_time"], time.monotonic_ns())
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._tick_clock, self._now = self._time_of_ticks()
+        self._last_tick: int | None = None
+        self._newest_stamp: int | None = None
+        self._interval = 0.0
+        self._control = values["safe_control"]
+        self._rivals: dict[str, list[str]] = {}
+        self._state = FopidState()
+        self._take_settings()
+        self._open_topics(types)
+        self._open_services()
+
+    def _time_of_ticks(self) -> tuple[Clock, Callable[[], int]]:
+        """The clock of the ticks, and the time by which inputs age [ns]; in lockstep the loop's own."""
+        if self._lockstep:
+            return self._steady, lambda: self._last_tick or 0
+        if self.get_parameter("use_sim_time").value:
+            clock = self.get_clock()
+            return clock, lambda: int(clock.now().nanoseconds)
+        return self._steady, time.monotonic_ns
+
+    def _open_topics(self, types: dict[str, SignalType]) -> None:
+        lockstep, endpoints = self._lockstep, self.endpoints
+        # In lockstep everything that has arrived before a measurement counts for its tick, unless stamped later.
+        others = (self._setpoint, self._feedforward, self._manual)
+        if self._values["tracking.enabled"]:
+            others = (*others, self._tracking)
+        self._ahead = [(one, Ahead()) for one in others]
+        self._slow = [self._listen(one, ahead) for one, ahead in self._ahead]
+        endpoints.subscription(
+            types["measurement"].message_type, "measurement", self._answer if lockstep else self._on_measurement,
+            loop_qos(lockstep=lockstep, reliable=False),
+        )  # fmt: skip
+        self._write = types["control"].writer()
+        self._control_publisher = endpoints.publisher(
+            types["control"].message_type, "control", loop_qos(lockstep=lockstep)
+        )
+        state_qos = QoSProfile(depth=LOCKSTEP_DEPTH if lockstep else 10)
+        self._state_publisher = endpoints.publisher(FopidState, "~/state", state_qos)
+        self._diagnostics = endpoints.publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
+        endpoints.refuse_unknown_overrides()
+
+    def _listen(self, one: Input, ahead: Ahead) -> Subscription:
+        kind, lockstep = self._types[one.name], self._lockstep
+
+        def arrived(message: Any) -> None:
+            value = kind.read(message)
+            if not (lockstep and ahead.waits(kind.stamp_ns(message), value)):
+                self._take(one, value, self._now())
+
+        return self.endpoints.subscription(kind.message_type, one.name, arrived, loop_qos(lockstep=lockstep))
+
+    def _open_services(self) -> None:
+        self.endpoints.service(Trigger, "~/reset", self._on_reset)
+        self.endpoints.service(SetBool, "~/set_auto", self._on_set_auto)
+        self.endpoints.service(Trigger, "~/save_gains", self._on_save_gains)
+        self.endpoints.timer(1.0, self._publish_diagnostics, self._steady)
+
+    # Parameters.
 
     def apply(self, values: dict[str, Any]) -> None:
-        self._controller.reconfigure(controller_settings(values))
-        if values["mode"] != self._values["mode"]:
+        if not self.configured:
+            return
+        mode_before, self._values = self._values["mode"], values
+        self._controller.reconfigure(controller_settings(values, self._types["control"]))
+        if values["mode"] != mode_before:
             self._controller.set_mode(values["mode"])
-        self._values = values
-        self._fill_gains()
+        self._take_settings()
+
+    def _take_settings(self) -> None:
+        for one in (self._setpoint, self._measurement):
+            one.timeout_ns = self._values[f"{one.name}_timeout"] * NS or math.inf
+        self._tracking.timeout_ns = self._measurement.timeout_ns
+        message, gains = self._state, self._controller.settings.gains
+        message.kp, message.ki, message.kd, message.lam, message.mu = gains.gains
+
+    # Transitions.
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._last_tick = self._newest_stamp = None
+        self._interval = 0.0
         if not self._lockstep:
-            use_sim_time = self.get_parameter("use_sim_time").value
-            clock = self.get_clock() if use_sim_time else self._steady
-            self._timer = self.create_timer(self._period_ns * 1e-9, self._tick_on_timer, clock=clock)
+            self._timer = self.create_timer(self._period_ns * 1e-9, self._tick_on_timer, clock=self._tick_clock)
         self._active = True
-        self._last_tick_ns = None
-        self._fill_gains()
         gains = self._controller.settings.gains
         self.get_logger().info(f"controlling with {gains} every {self._period_ns * 1e-9:g} s")
         return super().on_activate(state)
@@ -158,137 +149,210 @@ class ControllerNode(ManagedNode):
         self._leave_active()
         return super().on_deactivate(state)
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def _release(self) -> None:
         self._leave_active()
-        return super().on_shutdown(state)
-
-    _active = False
+        super()._release()
 
     def _leave_active(self) -> None:
         """Publish the safe control and tick no more."""
         if not self._active:
             return
         self._active = False
+        self.publish_control(self._values["safe_control"], self.get_clock().now().nanoseconds)
         if self._timer is not None:
             self.destroy_timer(self._timer)
             self._timer = None
         self._controller.reset()
-        self.publish_control(self._controller.settings.safe_control, self.get_clock().now().nanoseconds)
 
-    def _take(self, name: str, value: float) -> bool:
-        """Keep an input's newest value; a value that is not finite is counted and refused."""
-        if not math.isfinite(value):
-            self._refused += 1
-            self.get_logger().warning(
-                f"{name} = {value} refused ({self._refused} so far); allowed: finite numbers",
-                throttle_duration_sec=1.0,
-            )
-            return False
-        self._inputs[name] = value
-        self._arrived[name] = time.monotonic_ns()
-        return True
+    # Inputs.
 
-    # Lockstep: each measurement is answered by one control with the same stamp.
+    def _take(self, one: Input, value: float, now_ns: int) -> None:
+        """Keep an input's newest value; one that is not finite is counted and refused."""
+        if one.take(value, now_ns):
+            return
+        self._monitor.counts.refused_values += 1
+        where = f" at {self._types[one.name].field!r}" if math.isnan(value) else ""
+        self.get_logger().warning(
+            f"{one.name} = {value}{where} refused ({one.refused} so far); allowed: finite numbers",
+            throttle_duration_sec=1.0,
+        )
+
+    def _on_measurement(self, message: Any) -> None:
+        """In real time: a stamp, where there is one, tells old samples from new ones."""
+        kind, now = self._types["measurement"], self._now()
+        stamp = kind.stamp_ns(message)
+        if stamp:
+            before, self._newest_stamp = self._newest_stamp, stamp
+            if before is not None and stamp < before:
+                # A straggler, or its clock was set back: the next one after this stamp counts again.
+                self._warn_backwards("the measurement's stamp", "the sample is refused")
+                return
+            if stamp == before:  # the same sample again is as old as it was
+                now = self._measurement.arrived_ns
+        self._take(self._measurement, kind.read(message), now)
 
     def _answer(self, message: Any) -> None:
-        if not self._active:
-            return
-        stamp = self._types["measurement"].stamp_ns(message)
+        """In lockstep: each measurement is answered by one control with the same stamp."""
+        kind = self._types["measurement"]
+        stamp = kind.stamp_ns(message)
         if stamp is None:
             stamp = self.get_clock().now().nanoseconds
-        if stamp == self._last_stamp:  # the plant asks again: the answer is the same
-            self.publish_control(self._controller.state.control, stamp)
+        if not self._active:
+            return
+        if stamp == self._last_tick:  # the plant asks again: the answer is the same
+            self.publish_control(self._control, stamp)
             return
         for subscription in self._slow:
             take_waiting(subscription)
-        if self._last_stamp is not None and stamp < self._last_stamp:
-            self.get_logger().warning("the measurement's time ran backwards: the controller starts anew")
-            self._controller.reset()
-            self._last_stamp = None
-        self._interval = (stamp - self._last_stamp) * 1e-9 if self._last_stamp is not None else 0.0
-        self._last_stamp = stamp
-        self._tick(stamp, stale=False)
-
-    # Realtime: the timer ticks.
+        for one, ahead in self._ahead:
+            for value in ahead.due(stamp):
+                self._take(one, value, stamp)
+        self._begin_tick(stamp)
+        self._take(self._measurement, kind.read(message), stamp)
+        self._tick(stamp, stamp)
 
     def _tick_on_timer(self) -> None:
-        now = time.monotonic_ns()
-        if self._last_tick_ns is not None:
-            elapsed = now - self._last_tick_ns
-            self._interval = elapsed * 1e-9
-            self._overruns += max(0, round(elapsed / self._period_ns) - 1)
-        self._last_tick_ns = now
-        self._tick(self.get_clock().now().nanoseconds, stale=self._is_stale(now))
+        now = self._now()
+        self._begin_tick(now)
+        self._tick(self.get_clock().now().nanoseconds, now)
 
-    def _is_stale(self, now_ns: int) -> bool:
-        for name in ("measurement", "setpoint"):
-            timeout = self._values[f"{name}_timeout"]
-            if timeout and now_ns - self._arrived.get(name, now_ns) > timeout * 1e9:
-                return True
-        return False
+    # A tick.
 
-    def _tick(self, stamp: int, *, stale: bool) -> None:
-        inputs, controller = self._inputs, self._controller
-        if math.isnan(inputs["setpoint"]) or math.isnan(inputs["measurement"]):
-            self.publish_control(controller.settings.safe_control, stamp)
+    def _begin_tick(self, now_ns: int) -> None:
+        """Measure the time since the last tick; time that runs backwards starts the controller anew."""
+        before, self._last_tick = self._last_tick, now_ns
+        if before is not None and now_ns >= before:
+            self._interval = (now_ns - before) * 1e-9
+            self._monitor.counts.late_ticks += max(0, round((now_ns - before) / self._period_ns) - 1)
             return
-        self._ticks += 1
-        if stale:
-            self._stale_ticks += 1
-            control = self._stale_control()
-        else:
-            control = controller.step(
-                inputs["setpoint"], inputs["measurement"], inputs["feedforward"], inputs["manual_control"]
-            )
-        self._saturated_ticks += controller.state.saturated
-        self.publish_control(control, stamp)
-        self._publish_state(stamp)
+        self._interval = 0.0
+        if before is not None:
+            self._warn_backwards("time", "the controller starts anew")
+            self._controller.reset()
+        if before is not None or self._lockstep:
+            for one in self._inputs:
+                one.arrived_ns = now_ns
 
-    def _stale_control(self) -> float:
-        policy = self._values["on_stale"]
-        if policy == "safe":
-            return self._controller.settings.safe_control
-        return self._inputs["manual_control"] if policy == "manual" else self._controller.state.control
+    def _tick(self, stamp_ns: int, now_ns: int) -> None:
+        lacking = [one for one in (self._setpoint, self._measurement) if not one.usable(now_ns)]
+        if lacking != self._lacking:
+            self._tell(lacking)
+        control = self._substitute() if lacking else self._step(now_ns)
+        self._control = control = control if is_number(control) else self._start_over(control)
+        state = self._controller.state
+        self._monitor.tick(self._interval, saturated=state.saturated, stale=bool(lacking))
+        self.publish_control(control, stamp_ns)
+        waiting = bool(lacking) and self._waiting
+        if not waiting or state.mode == "manual":
+            self._publish_state(stamp_ns, now_ns, waiting=waiting)
+
+    def _step(self, now_ns: int) -> float:
+        controller, manual = self._controller, self._manual
+        if controller.state.mode == "auto":
+            manual.value = math.nan  # on a change to manual the control stays until the next message
+        return controller.step(
+            self._setpoint.value, self._measurement.value, self._feedforward.value,
+            controller.state.control if manual.missing else manual.value,
+            self._tracking.value if self._tracking.usable(now_ns) else None,
+        )  # fmt: skip
+
+    def _substitute(self) -> float:
+        """The control while an input is stale or has never come."""
+        controller = self._controller
+        policy, manual = self._values["on_stale"], None if self._manual.missing else self._manual.value
+        if controller.state.mode == "manual":
+            return controller.hold(manual)
+        if self._waiting:
+            return controller.state.control
+        return controller.hold({"hold": None, "safe": self._values["safe_control"], "manual": manual}[policy])
+
+    @property
+    def _waiting(self) -> bool:
+        """Whether setpoint or measurement has never come."""
+        return any(one.missing for one in self._lacking)
+
+    def _start_over(self, control: float) -> float:
+        """Gains times signals beyond what a number can hold: the safe control, and a controller as new."""
+        self._monitor.counts.controls_not_finite += 1
+        self.get_logger().error(f"control = {control}: the controller starts anew", throttle_duration_sec=1.0)
+        self._controller.reset()
+        return self._controller.state.control
 
     def publish_control(self, control: float, stamp_ns: int) -> None:
         """Send the control with the stamp of the measurement it answers, or of the tick [ns]."""
         self._control_publisher.publish(self._write(control, stamp_ns))
 
-    def _fill_gains(self) -> None:
-        message = self._state
-        message.kp, message.ki, message.kd, message.lam, message.mu = self._controller.settings.gains.gains
-
-    def _publish_state(self, stamp_ns: int) -> None:
+    def _publish_state(self, stamp_ns: int, now_ns: int, *, waiting: bool) -> None:
         message, state = self._state, self._controller.state
         header_stamp(message.header, stamp_ns)
         message.setpoint, message.measurement, message.error = state.setpoint, state.measurement, state.error
+        if waiting:
+            message.setpoint, message.measurement, message.error = math.nan, math.nan, math.nan
         message.proportional, message.integral = state.proportional, state.integral
         message.derivative, message.feedforward = state.derivative, state.feedforward
         message.control_unlimited, message.control = state.control_unlimited, state.control
         message.saturated = state.saturated
         message.mode = FopidState.AUTO if state.mode == "auto" else FopidState.MANUAL
-        message.sample_interval, message.overruns = self._interval, self._overruns
+        message.sample_interval, message.overruns = self._interval, self._monitor.counts.late_ticks
+        message.stale, message.measurement_age = bool(self._lacking), self._measurement.age(now_ns)
+        message.tracking, message.refused = self._tracking.value, self._monitor.counts.refused_values
         self._state_publisher.publish(message)
 
+    # What people are told.
+
+    def _tell(self, lacking: list[Input]) -> None:
+        self._lacking = lacking
+        names = " and ".join(one.name for one in lacking)
+        if not lacking:
+            self.get_logger().info("setpoint and measurement are there")
+        elif self._waiting:
+            self.get_logger().info(f"waiting for {names}")
+        else:
+            self.get_logger().warning(f"{names} stale; on_stale = {self._values['on_stale']}")
+
+    def _warn_backwards(self, what: str, consequence: str) -> None:
+        self._monitor.counts.times_backwards += 1
+        self.get_logger().warning(f"{what} ran backwards: {consequence}", throttle_duration_sec=1.0)
+
     def _publish_diagnostics(self) -> None:
-        facts = {
-            "ticks": self._ticks, "overruns": self._overruns, "non-finite inputs refused": self._refused,
-            "stale ticks": self._stale_ticks, "last rejected parameter set": self.last_rejected or "none",
-            "share of saturated ticks": round(self._saturated_ticks / max(1, self._ticks), 4),
-            "last sample interval [s]": self._interval,
+        since, rates = self._monitor.window(time.monotonic_ns())
+        found = worries(since, ticking=self._active and not self._lockstep)
+        found += [(DiagnosticStatus.WARN, text) for text in self._several_publishers()]
+        if self._active and self._lacking:
+            level = DiagnosticStatus.WARN if self._waiting else DiagnosticStatus.ERROR
+            names = " and ".join(one.name for one in self._lacking)
+            found.insert(0, (level, f"waiting for {names}" if self._waiting else f"{names} stale"))
+        state = self._controller.state.mode if self._active else "inactive"
+        status = diagnostic_status(self.get_fully_qualified_name(), state, found, {**rates, **self._facts()})
+        self._diagnostics.publish(diagnostic_array(status, self))
+
+    def _facts(self) -> dict[str, object]:
+        counts, now = self._monitor.counts, self._now()
+        return {
+            "mode": self._controller.state.mode,
+            "ticks": counts.ticks, "overruns": counts.late_ticks, "stale ticks": counts.stale_ticks,
+            "age of the measurement [s]": self._measurement.age(now),
+            "age of the setpoint [s]": self._setpoint.age(now),
+            "non-finite inputs refused": counts.refused_values, "time ran backwards": counts.times_backwards,
+            "share of saturated ticks": counts.saturated_ticks / max(1, counts.ticks),
+            "last rejected parameter set": self.last_rejected or "none",
         }  # fmt: skip
-        waiting = [name for name in ("setpoint", "measurement") if math.isnan(self._inputs[name])]
-        status = DiagnosticStatus(name=self.get_fully_qualified_name(), hardware_id="fopid", level=DiagnosticStatus.OK)
-        status.message = f"waiting for {' and '.join(waiting)}" if waiting else self._controller.state.mode
-        status.level = DiagnosticStatus.WARN if waiting else DiagnosticStatus.OK
-        status.values = [KeyValue(key=key, value=str(value)) for key, value in facts.items()]
-        message = DiagnosticArray(status=[status])
-        header_stamp(message.header, self.get_clock().now().nanoseconds)
-        self._diagnostics.publish(message)
+
+    def _several_publishers(self) -> list[str]:
+        """Topics that more than one node publishes; new ones are logged."""
+        rivals = several_publishers(self, SIGNALS)
+        told = {topic: f"{topic} is published by {' and '.join(names)}" for topic, names in rivals.items()}
+        for topic, text in told.items():
+            if self._rivals.get(topic) != rivals[topic]:
+                self.get_logger().warning(f"{text}: the newest message counts, whoever sent it")
+        self._rivals = rivals
+        return list(told.values())
+
+    # Services.
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._controller.reset()
-        self._last_stamp = None
+        self._last_tick = None
         response.success, response.message = True, "the past is forgotten; gains and mode stay"
         return response
 
@@ -296,6 +360,20 @@ class ControllerNode(ManagedNode):
         mode = "auto" if request.data else "manual"
         result = self.set_parameters_atomically([Parameter("mode", value=mode)])
         response.success, response.message = result.successful, result.reason or mode
+        return response
+
+    def _on_save_gains(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        path = self._values["gains_file"]
+        if not path:
+            response.message = "gains_file = ''; allowed: the path of a file"
+            return response
+        values = {name: parameter.value for name, parameter in self.get_parameters_by_prefix("").items()}
+        try:
+            write_parameter_file(Path(path), self.get_fully_qualified_name(), values)
+        except OSError as error:
+            response.message = f"gains_file = {path!r}: {error.strerror}; nothing was changed"
+            return response
+        response.success, response.message = True, path
         return response
 
 

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,7 +19,7 @@ from rclpy.context import Context
 from rclpy.exceptions import InvalidNamespaceException, InvalidNodeNameException
 from rclpy.executors import Executor
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
@@ -26,10 +27,12 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 from fopid_core.errors import InputError
-from fopid_ros.parameters import Spec, check_changes, declare, values
+from fopid_ros.endpoints import Endpoints
+from fopid_ros.parameters import Spec, check_changes, converted, current_values, declare
 
 FOREVER = 1e8  # [s]
 LAST_DOMAIN = 232  # its UDP ports are the last below 65536
+CLOCK_WATCH_PERIOD = 0.1  # how often the system clock is looked at, and by how much it may be set back unseen [s]
 LOCKSTEP_DEPTH = 1000
 """Depth of the loop's publishers in lockstep: a recorder that falls behind loses nothing."""
 
@@ -64,8 +67,16 @@ def take_waiting(subscription: Subscription) -> None:
 class ManagedNode(LifecycleNode):
     """A lifecycle node whose parameters are a table and are checked as a whole.
 
-    Subclasses name themselves and their parameters, and override ``check`` (would this set of values do?)
-    and ``apply`` (it is in force now).
+    Subclasses name themselves and their parameters, and override ``check`` (would this set of values do?),
+    ``apply`` (it is in force now) and ``open`` (make what lives from configure to cleanup).
+
+    Attributes
+    ----------
+    endpoints : Endpoints
+        Closed at cleanup and at shutdown.
+    configured : bool
+    last_rejected : str
+        Why the last set of parameters that was refused was refused.
     """
 
     NAME: ClassVar[str]
@@ -74,20 +85,23 @@ class ManagedNode(LifecycleNode):
     def __init__(self, context: Context | None = None) -> None:
         super().__init__(self.NAME, context=context)
         self._specs = {spec.name: spec for spec in (*self.SPECS, AUTOSTART)}
+        self.endpoints = Endpoints(self)
+        self.configured = False
+        self.last_rejected = ""
+        self._not_configured = ""
         self._survive_wrong_transitions()
         try:
-            declare(self, tuple(self._specs.values()))
-            self.check(self.values())
+            declare(self, self._specs)
+            if self.get_parameter("autostart").value:
+                self.check(self.values())
         except InputError:
             self.destroy_node()
             raise
-        self.last_rejected = ""
-        self.add_on_set_parameters_callback(self._on_set)
         self.add_post_set_parameters_callback(self._after_set)
 
     def values(self, changes: Sequence[Parameter] = ()) -> dict[str, Any]:
         """All parameters by name, with ``changes`` made."""
-        return values(self, tuple(self._specs.values()), changes)
+        return current_values(self, self._specs, changes)
 
     def check(self, values: dict[str, Any]) -> None:
         """Raise InputError if the node cannot run with these values."""
@@ -95,31 +109,72 @@ class ManagedNode(LifecycleNode):
     def apply(self, values: dict[str, Any]) -> None:
         """Take values that have passed ``check``."""
 
-    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+    def open(self, values: dict[str, Any]) -> None:
+        """Make what the node needs from configure to cleanup; raises InputError if it cannot."""
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """All or none, and a refusal names the parameter, its value and what is allowed."""
+        changes = converted(self._specs, parameter_list)
         try:
-            check_changes(self._specs, changes)
-            self.check(self.values(changes))
+            check_changes(self, self._specs, changes, configured=self.configured)
+            if self.configured:
+                self.check(self.values(changes))
+            result = super().set_parameters_atomically(changes)
         except InputError as error:
-            self.last_rejected = str(error)
-            self.get_logger().warning(f"parameters rejected, nothing changed: {error}")
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+            result = SetParametersResult(successful=False, reason=str(error))
+        if not result.successful:
+            self.last_rejected = result.reason
+            self.get_logger().warning(f"parameters rejected, nothing changed: {result.reason}")
+        return result
 
     def _after_set(self, changes: list[Parameter]) -> None:
         if any(change.name in self._specs for change in changes):
             self.apply(self.values())
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        values = self.values()
+        try:
+            self.check(values)
+            self.open(values)
+        except InputError as error:
+            self._not_configured = str(error)
+            self.endpoints.close()
+            return TransitionCallbackReturn.FAILURE
+        self.configured = True
+        return super().on_configure(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._release()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._release()
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """A transition raised; rclpy does not say what."""
+        self.get_logger().error(f"leaving the state {state.label} failed; the node is unconfigured now")
+        self._release()
+        return super().on_error(state)
+
+    def _release(self) -> None:
+        self.configured = False
+        self.endpoints.close()
 
     def _survive_wrong_transitions(self) -> None:
         """A transition that the present state does not allow is answered with success = false."""
         answer = self._service_change_state.callback
 
         def guarded(request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+            self._not_configured = ""
             try:
-                return answer(request, response)
+                response = answer(request, response)
             except RCLError as error:
                 self.get_logger().warning(f"transition refused: {' '.join(str(error).split())}")
                 response.success = False
-                return response
+            if self._not_configured:
+                self.get_logger().error(f"not configured: {self._not_configured}")
+            return response
 
         self._service_change_state.callback = guarded
 
@@ -135,7 +190,16 @@ class ManagedNode(LifecycleNode):
             return
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() != TransitionCallbackReturn.SUCCESS:
-                raise InputError(f"{self.get_name()} could not be started; see the message above")
+                raise InputError(self._not_configured or f"{self.get_name()} could not be started")
+
+    def restart_timers(self) -> None:
+        """Let all timers begin a new period now."""
+        self.get_logger().warning("the system clock was set back: timers begin a new period")
+        for timer in self.timers:
+            timer.reset()
+
+    def finish(self) -> None:
+        """Bring work in other threads to an end, while the node is still spun."""
 
     def stop(self) -> None:
         """Leave the active state in good order."""
@@ -195,10 +259,12 @@ def run(
         node.destroy_node()
         rclpy.try_shutdown()
         return 2
-    _spin_until(stop.event, node, make_executor())
-    node.stop()
-    node.destroy_node()
-    rclpy.try_shutdown()
+    try:
+        _spin_until(stop.event, node, make_executor())
+    finally:
+        node.stop()
+        node.destroy_node()
+        rclpy.try_shutdown()
     return 0
 
 
@@ -227,10 +293,24 @@ def _spin_until(stop: threading.Event, node: ManagedNode, executor: Executor) ->
 
     thread = threading.Thread(target=spin, name="executor", daemon=True)
     thread.start()
-    stop.wait()
+    _wait(stop, lambda: executor.create_task(node.restart_timers))
+    node.finish()
     stopped.set_result(None)
     executor.wake()
     thread.join(timeout=5.0)
     executor.shutdown()
     if failure:
         raise failure[0]
+
+
+def _wait(stop: threading.Event, on_clock_set_back: Callable[[], object]) -> None:
+    """Wait for ``stop``, with an eye on the system clock.
+
+    The timers of rclpy's wheels sleep until an instant of the system clock, even those of a steady clock: when it
+    is set back they would oversleep by as much. Of a change that is made over a longer time they see little.
+    """
+    offset = time.time() - time.monotonic()
+    while not stop.wait(CLOCK_WATCH_PERIOD):
+        before, offset = offset, time.time() - time.monotonic()
+        if offset < before - CLOCK_WATCH_PERIOD:
+            on_clock_set_back()

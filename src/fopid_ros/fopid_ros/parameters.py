@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,9 @@ from rclpy.parameter import Parameter
 from fopid_core.errors import InputError
 
 Value = bool | int | float | str
+
+QOS_PREFIX = "qos_overrides."
+"""Parameters of this prefix are rclpy's own, declared with the topics."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,8 @@ class Spec:
         Allowed texts; empty for any.
     read_only : bool
         Whether it can only be given at the start.
+    at_configure : bool
+        Whether it is read at configure, so that it stays as it is until cleanup.
     """
 
     name: str
@@ -44,6 +49,7 @@ class Spec:
     high: float = math.inf
     choices: tuple[str, ...] = ()
     read_only: bool = False
+    at_configure: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """What ROS tools are told of the parameter."""
@@ -51,7 +57,7 @@ class Spec:
             name=self.name,
             description=self.description,
             read_only=self.read_only,
-            additional_constraints=f"one of: {', '.join(self.choices)}" if self.choices else "",
+            additional_constraints=self._constraints(),
         )
         bounded = math.isfinite(self.low) and math.isfinite(self.high)
         if bounded and isinstance(self.default, float):
@@ -60,8 +66,21 @@ class Spec:
             described.integer_range = [IntegerRange(from_value=int(self.low), to_value=int(self.high), step=1)]
         return described
 
-    def check(self, value: Value) -> None:
+    def _constraints(self) -> str:
+        """What the ranges of a descriptor cannot say."""
+        said = []
+        if self.choices:
+            said.append(f"one of: {', '.join(self.choices)}")
+        elif math.isfinite(self.low) != math.isfinite(self.high):
+            said.append(self._allowed())
+        if self.at_configure:
+            said.append("changes only while the node is unconfigured")
+        return "; ".join(said)
+
+    def check(self, value: Any) -> None:
         """Raise InputError for a value that is not allowed."""
+        if type(value) is not type(self.default):
+            raise InputError(f"{self.name} = {value!r}; allowed: {self._kind()}")
         if isinstance(value, float) and math.isnan(value):
             raise InputError(f"{self.name} = nan; allowed: {self._allowed()}")
         if isinstance(value, (int, float)) and not self.low <= value <= self.high:
@@ -74,7 +93,10 @@ class Spec:
             return ", ".join(self.choices)
         if math.isfinite(self.low) or math.isfinite(self.high):
             return f"{self.low:g} to {self.high:g}"
-        return "a number"
+        return self._kind()
+
+    def _kind(self) -> str:
+        return {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}[type(self.default)]
 
     def converted(self, value: Any) -> Any:
         """``value`` as typed at a start: a whole number serves as a number, a number as text."""
@@ -85,7 +107,7 @@ class Spec:
         return value
 
 
-def declare(node: Node, specs: Sequence[Spec]) -> None:
+def declare(node: Node, specs: Mapping[str, Spec]) -> None:
     """Declare all parameters of a node.
 
     Raises
@@ -94,51 +116,62 @@ def declare(node: Node, specs: Sequence[Spec]) -> None:
         For a value of the wrong type or out of range, and for a name that the node does not have.
     """
     overrides: dict[str, Parameter] = node._parameter_overrides  # noqa: SLF001  (no public way to see them)
-    _refuse_unknown(node, specs, overrides)
-    for spec in specs:
+    _refuse_unknown(node, specs, (name for name in overrides if not name.startswith(QOS_PREFIX)))
+    for spec in specs.values():
         given = overrides.get(spec.name)
         if given is not None:
             value = spec.converted(given.value)
-            overrides[spec.name] = Parameter(spec.name, value=value)
-            _check_type(spec, value)
             spec.check(value)
+            overrides[spec.name] = Parameter(spec.name, value=value)
         try:
             node.declare_parameter(spec.name, spec.default, spec.descriptor())
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise InputError(" ".join(str(error).split())) from None
 
 
-def _check_type(spec: Spec, value: Any) -> None:
-    if type(value) is not type(spec.default):
-        wanted = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}[type(spec.default)]
-        raise InputError(f"{spec.name} = {value!r}; allowed: {wanted}")
+def _refuse_unknown(node: Node, specs: Mapping[str, Spec], names: Iterable[str]) -> None:
+    for name in names:
+        if name not in specs and not node.has_parameter(name):
+            raise InputError(f"{node.get_name()} has no parameter {name!r}{nearest(name, specs)}")
 
 
-def _refuse_unknown(node: Node, specs: Sequence[Spec], overrides: Iterable[str]) -> None:
-    known = [spec.name for spec in specs]
-    for name in overrides:
-        if name in known or node.has_parameter(name) or name.startswith("qos_overrides."):
-            continue
-        near = difflib.get_close_matches(name, known, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else f"; allowed: {', '.join(known)}"
-        raise InputError(f"{node.get_name()} has no parameter {name!r}{hint}")
+def nearest(given: str, allowed: Iterable[str]) -> str:
+    """The end of a message about a name that is not allowed: the nearest that is, or all of them."""
+    known = list(allowed)
+    near = difflib.get_close_matches(given, known, n=1)
+    return f"; did you mean {near[0]!r}?" if near else f"; allowed: {', '.join(known)}"
 
 
-def values(node: Node, specs: Sequence[Spec], changes: Iterable[Parameter] = ()) -> dict[str, Any]:
+def current_values(node: Node, specs: Mapping[str, Spec], changes: Iterable[Parameter] = ()) -> dict[str, Any]:
     """All parameters by name as they would be with ``changes`` made."""
-    current = {spec.name: node.get_parameter(spec.name).value for spec in specs}
-    current.update({p.name: p.value for p in changes if p.name in current})
+    current = {name: node.get_parameter(name).value for name in specs}
+    current.update({change.name: change.value for change in changes if change.name in current})
     return current
 
 
-def check_changes(specs: Mapping[str, Spec], changes: Iterable[Parameter]) -> None:
+def converted(specs: Mapping[str, Spec], changes: Iterable[Parameter]) -> list[Parameter]:
+    """The changes with values converted as at the start."""
+    return [
+        Parameter(change.name, value=specs[change.name].converted(change.value)) if change.name in specs else change
+        for change in changes
+    ]
+
+
+def check_changes(node: Node, specs: Mapping[str, Spec], changes: Iterable[Parameter], *, configured: bool) -> None:
     """Check each change by itself.
 
     Raises
     ------
     InputError
-        For the first value that is not allowed.
+        For the first that is not allowed.
     """
+    changes = list(changes)
+    _refuse_unknown(node, specs, (change.name for change in changes))
     for change in changes:
-        if change.name in specs:
-            specs[change.name].check(change.value)
+        spec = specs.get(change.name)
+        if spec is None:
+            continue
+        spec.check(change.value)
+        present = node.get_parameter(change.name).value
+        if configured and spec.at_configure and change.value != present:
+            raise InputError(f"{change.name} = {change.value!r}; allowed: {present!r} until the node is cleaned up")

@@ -20,6 +20,7 @@ from std_srvs.srv import Trigger
 from fopid_core.model.process import read_process
 from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_msgs.srv import Advance
+from fopid_ros.ahead import Ahead
 from fopid_ros.node import TIMING, ManagedNode, loop_qos, run, take_waiting
 from fopid_ros.parameters import Spec
 from fopid_ros.signals import SignalType, signal_specs
@@ -66,6 +67,7 @@ class PlantSimulator(ManagedNode):
         self._period_ns = round(values["sample_time"] * 1e9)
         self._half_period = 0.5e-9 * self._period_ns
         self._control = self._disturbance = 0.0
+        self._ahead = Ahead()
         self._sample = 0
         self._refused = 0
         self.timer: Timer | None = None
@@ -147,6 +149,8 @@ class PlantSimulator(ManagedNode):
         if not self._gate_open or (stamp_ns is not None and stamp_ns != current):
             return
         take_waiting(self._disturbances)
+        for value in self._ahead.due(current):
+            self._disturbance = value
         self._plant.step(self._control, self._disturbance)
         self._sample += 1
         self._send()
@@ -197,10 +201,10 @@ class PlantSimulator(ManagedNode):
 
     def _on_disturbance(self, message: Any) -> None:
         value = self._disturbance_type.read(message)
-        if math.isfinite(value):
-            self._disturbance = value
-        else:
+        if not math.isfinite(value):
             self._refuse("disturbance", value)
+        elif not (self._lockstep and self._ahead.waits(self._disturbance_type.stamp_ns(message), value)):
+            self._disturbance = value
 
     def _refuse(self, name: str, value: float) -> None:
         self._refused += 1
@@ -210,6 +214,7 @@ class PlantSimulator(ManagedNode):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._plant.reset()
+        self._ahead = Ahead()
         self._sample = 0
         self._control = self._disturbance = 0.0
         response.success, response.message = True, "at rest, time 0"

@@ -70,6 +70,10 @@ class Children:
         )
         self._running.append((name, process))
 
+    def process_ids(self) -> dict[str, int]:
+        """Process id of each, by name."""
+        return {name: process.pid for name, process in self._running}
+
     def ended(self) -> tuple[str, int] | None:
         """Name and exit code of the first process that has ended, None while all run."""
         for name, process in self._running:

@@ -1,0 +1,120 @@
+"""What the controller node tells of its health once a second on /diagnostics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+
+@dataclass
+class Counts:
+    """What has happened since the node was configured."""
+
+    ticks: int = 0
+    late_ticks: int = 0
+    stale_ticks: int = 0
+    saturated_ticks: int = 0
+    refused_values: int = 0
+    times_backwards: int = 0
+    controls_not_finite: int = 0
+
+
+class Monitor:
+    """Counts at every tick, and what they came to since the last report.
+
+    Parameters
+    ----------
+    sample_time : float
+        Time between ticks as wanted [s].
+    now_ns : int
+        When the first window begins.
+    """
+
+    def __init__(self, sample_time: float, now_ns: int) -> None:
+        self.counts = Counts()
+        self._sample_time = sample_time
+        self._intervals: list[float] = []
+        self._before = Counts()
+        self._reported_ns = now_ns
+
+    def tick(self, interval: float, *, saturated: bool, stale: bool) -> None:
+        """Count a tick, ``interval`` seconds after the one before; 0 for the first."""
+        counts = self.counts
+        counts.ticks += 1
+        counts.saturated_ticks += saturated
+        counts.stale_ticks += stale
+        if interval:
+            self._intervals.append(interval)
+
+    def window(self, now_ns: int) -> tuple[Counts, dict[str, float]]:
+        """Counts since the last call, and rate [1/s] and jitter [s] in between."""
+        before, now = asdict(self._before), asdict(self.counts)
+        since = Counts(**{name: now[name] - before[name] for name in now})
+        rate = since.ticks / max(now_ns - self._reported_ns, 1) * 1e9
+        jitter = max((abs(interval - self._sample_time) for interval in self._intervals), default=0.0)
+        self._intervals.clear()
+        self._before, self._reported_ns = replace(self.counts), now_ns
+        return since, {"rate [1/s]": rate, "jitter, largest [s]": jitter}
+
+
+def worries(since: Counts, *, ticking: bool) -> list[tuple[bytes, str]]:
+    """What the counts of a second give to worry about, with the level of each.
+
+    ``ticking`` says whether ticks were to be expected.
+    """
+    warn = DiagnosticStatus.WARN
+    found: list[tuple[bytes, str]] = []
+    if since.controls_not_finite:
+        found.append((DiagnosticStatus.ERROR, f"{since.controls_not_finite} controls were not finite"))
+    if ticking and not since.ticks:
+        found.append((warn, "no ticks: does the clock stand still?"))
+    if since.late_ticks:
+        found.append((warn, f"{since.late_ticks} ticks late or missing"))
+    if since.refused_values:
+        found.append((warn, f"{since.refused_values} values refused"))
+    if since.times_backwards:
+        found.append((warn, "time ran backwards"))
+    if since.ticks and since.saturated_ticks == since.ticks:
+        found.append((warn, "the control is at a limit all the time"))
+    return found
+
+
+def diagnostic_status(
+    name: str, state: str, found: Sequence[tuple[bytes, str]], facts: Mapping[str, object]
+) -> DiagnosticStatus:
+    """One status: the worst level, all worries in words (``state`` if there are none), the facts as texts."""
+    return DiagnosticStatus(
+        name=name,
+        hardware_id="fopid",
+        level=max((level for level, _ in found), default=DiagnosticStatus.OK),
+        message="; ".join(text for _, text in found) or state,
+        values=[KeyValue(key=key, value=f"{fact:.6g}" if isinstance(fact, float) else str(fact))
+                for key, fact in facts.items()],
+    )  # fmt: skip
+
+
+def diagnostic_array(status: DiagnosticStatus, node: Node) -> DiagnosticArray:
+    """The message, stamped with the node's time."""
+    message = DiagnosticArray(status=[status])
+    message.header.stamp = node.get_clock().now().to_msg()
+    return message
+
+
+def several_publishers(node: Node, topics: Sequence[str]) -> dict[str, list[str]]:
+    """Topics that more than one node publishes, and the names of these nodes.
+
+    A topic is left out while the name of one of its publishers is not known yet.
+    """
+    found = {}
+    for topic in topics:
+        full_name = node.resolve_topic_name(topic)
+        if node.count_publishers(full_name) < 2:
+            continue
+        infos = node.get_publishers_info_by_topic(full_name)
+        names = sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
+        if len(names) > 1 and not any("_UNKNOWN_" in name for name in names):
+            found[topic] = names
+    return found

@@ -1,0 +1,52 @@
+"""Parameters of a node in a file that a start with ``--params-file`` reads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import yaml
+
+from fopid_ros.parameters import Value
+
+
+def write_parameter_file(path: Path, node: str, values: Mapping[str, Value]) -> None:
+    """Write a ROS parameter file so that at every instant the old file or the new one is there, whole.
+
+    Parameters
+    ----------
+    path : Path
+        A link is followed: what it points at is replaced.
+    node : str
+        Fully qualified name of the node.
+    values : mapping
+        Parameter name -> value.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; what was there before is there still.
+    """
+    target = path.expanduser().resolve()
+    text = yaml.safe_dump({node: {"ros__parameters": dict(values)}}, sort_keys=False, allow_unicode=True)
+    temporary = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        with temporary.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
+    _sync_folder(target.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """So that the new name, too, survives a loss of power."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
