@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 from domain_coordinator import domain_id
 
 from fopid_core.study.bag import read_bag
@@ -19,6 +21,7 @@ from fopid_core.study.simulate import replayed, simulate_experiment
 from fopid_core.study.tune_call import TuneCall
 from fopid_ros.ahead import Ahead
 from fopid_ros.controller_parameters import SPECS as CONTROLLER_SPECS
+from fopid_ros.experiment_node import ExperimentNode
 from fopid_ros.plant_simulator import SPECS as PLANT_SPECS
 
 from .conftest import BIN
@@ -125,3 +128,18 @@ def test_values_that_come_ahead_wait_for_their_sample_and_others_do_not() -> Non
     assert list(ahead.due(20)) == [1.0, 2.0]
     assert not ahead.waits(20, 7.0)
     assert list(ahead.due(100)) == [3.0]
+
+
+def test_the_end_of_a_recording_that_comes_late_is_waited_for() -> None:
+    samples, late = 150, 1.5
+    with domain_id() as domain:
+        rclpy.init(domain_id=domain)
+        node = ExperimentNode(Experiment("P1", (Phase("all", samples * 0.01),), sample_time=0.01))
+        come, last = time.monotonic() + late, (samples - 1) * 10_000_000
+        node.recorded = lambda: last if time.monotonic() > come else last // 2
+        try:
+            node.drain(samples)
+            assert node.recorded() == last
+        finally:
+            node.destroy_node()
+            rclpy.shutdown()

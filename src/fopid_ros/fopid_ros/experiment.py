@@ -69,7 +69,7 @@ def run_phases(node: ExperimentNode, console: Console) -> None:
             bar.update(task, description=phase.name)
             node.run_phase(first, end, lambda now: bar.update(task, completed=now))
         bar.update(task, completed=node.experiment.duration, description="done")
-    node.drain()
+    node.drain(node.experiment.boundaries[-1])
 
 
 def conduct(experiment: Experiment, folder: Path, console: Console) -> int:

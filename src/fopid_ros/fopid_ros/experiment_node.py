@@ -293,13 +293,18 @@ class ExperimentNode(Node):
             coming = min((int(at[at > now][0]) for at in self._changes.values() if at[-1] > now), default=end)
             self.spin(min(SLICE, max(min(coming, end) * h - (time.monotonic() - self._begun), 0.0) + 1e-4))
 
-    def drain(self) -> None:
-        """Serve what is still on its way: in lockstep up to the last sample, as long as something comes."""
+    def drain(self, end: int) -> None:
+        """Serve what is still on its way: in lockstep until sample ``end`` - 1 is recorded, or nothing more comes.
+
+        On a busy machine a message that got lost is sent again seconds later.
+        """
         self.spin(DRAIN_TIME)
-        last, before = (self._sample - 1) * self._period_ns, -1.0
-        while self.lockstep and before < self.recorded() < last:
-            before = self.recorded()
-            self.spin(DRAIN_TIME)
+        last = (end - 1) * self._period_ns
+        newest, moved = self.recorded(), time.monotonic()
+        while self.lockstep and newest < last and time.monotonic() - moved < STALL_TIME:
+            self.spin(SLICE)
+            if self.recorded() > newest:
+                newest, moved = self.recorded(), time.monotonic()
 
 
 def describe(phase: Phase) -> str:
