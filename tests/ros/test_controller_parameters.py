@@ -15,8 +15,11 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from fopid_core.runtime.controller import ControllerSettings
+from fopid_core.study.loop_parameters import controller_settings as offline_settings
 from fopid_msgs.msg import ScalarStamped
 from fopid_ros.controller_parameters import SPECS
+from fopid_ros.controller_parameters import controller_settings as node_settings
+from fopid_ros.signals import SignalType
 
 from .conftest import Graph, LockstepLoop
 from .fed import FedController, LockstepByHand
@@ -35,6 +38,14 @@ def test_every_setting_of_the_core_is_a_parameter_with_the_same_default() -> Non
             assert field.default is not MISSING
             assert specs[field.name].default == field.default
             assert type(specs[field.name].default) is type(field.default)
+
+
+@pytest.mark.parametrize(
+    "given", [{"kp": 2.0}, {"horizon": 50.0}, {"band.low": 1e-7}, {"band.high": 30.0, "horizon": 900.0}]
+)
+def test_the_node_runs_the_settings_that_the_offline_simulation_takes_from_the_same_names(given: dict) -> None:
+    values = {spec.name: spec.default for spec in SPECS} | given
+    assert node_settings(values, SignalType()) == offline_settings(given, values["sample_time"])
 
 
 def test_every_parameter_is_described_with_what_is_allowed(graph: Graph) -> None:

@@ -46,9 +46,12 @@ def export_verb(
         sample_time = parameters.get("sample_time", 0.01)
     settings = controller_settings(parameters, sample_time)
     files = {f"{name}.h": c_header(settings, name), f"{name}_test.c": c_test(settings, name)}
-    out.mkdir(parents=True, exist_ok=True)
-    for file, text in files.items():
-        (out / file).write_text(text, encoding="utf-8")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for file, text in files.items():
+            (out / file).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"out {out}: {error.strerror}") from None
     header, test = (out / file for file in files)
     numbers = {key: getattr(settings.gains, key) for key in ("kp", "ki", "kd", "lam", "mu")}
     compiled = f"cc -std=c99 {test} -o {test.with_suffix('')} && {test.with_suffix('')}"
@@ -111,11 +114,21 @@ def _read(name: str, value: Any) -> Any:
     kinds = {**CONTROLLER_KEYS, "sample_time": float}
     if name not in kinds and name not in _OF_EVERY_NODE and not name.startswith("qos_overrides."):
         raise InputError(f"parameter {name!r}; allowed: {', '.join(kinds)}")
-    return _number(name, value) if kinds.get(name) is float else value
+    kind = kinds.get(name)
+    if kind is bool:
+        return _truth(name, value)
+    return _number(name, value, kind) if kind in (float, int) else value
 
 
-def _number(name: str, value: Any) -> float:
+def _number(name: str, value: Any, kind: type = float) -> Any:
     try:
-        return float(value)
+        return kind(value)
     except (TypeError, ValueError):
-        raise InputError(f"{name} = {value!r}; allowed: a number") from None
+        raise InputError(f"{name} = {value!r}; allowed: a {'whole ' if kind is int else ''}number") from None
+
+
+def _truth(name: str, value: Any) -> bool:
+    words = {"true": True, "false": False}
+    if str(value).lower() not in words:
+        raise InputError(f"{name} = {value!r}; allowed: true, false")
+    return words[str(value).lower()]

@@ -66,18 +66,11 @@ def controller_settings(values: dict[str, Any], control_type: SignalType) -> Con
 
     What the control's message can hold limits the control like an actuator.
     """
+    band = {edge: values[f"band.{edge}"] for edge in ("low", "high", "poles")}
     return ControllerSettings(
         gains=Fopid(*(values[name] for name in ("kp", "ki", "kd", "lam", "mu"))),
-        band=_band(values),
+        band=Band.for_sample_time(values["sample_time"], values["horizon"], **band),
         control_min=max(values["control_min"], control_type.low),
         control_max=min(values["control_max"], control_type.high),
         **{name: values[name] for name in _SAME_IN_THE_CORE},
     )
-
-
-def _band(values: dict[str, Any]) -> Band | None:
-    low, high, poles = values["band.low"], values["band.high"], values["band.poles"]
-    if not (low or high or poles):
-        return None
-    chosen = Band.for_sample_time(values["sample_time"], values["horizon"])
-    return Band(low or chosen.low, high or chosen.high, poles or chosen.poles)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import subprocess
 from dataclasses import replace
@@ -14,7 +15,7 @@ from click.testing import CliRunner
 from fopid_core.cli import main
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
-from fopid_core.runtime.c_export import c_header, c_test
+from fopid_core.runtime.c_export import _vectors, c_header, c_test
 from fopid_core.runtime.controller import ControllerSettings, FopidController
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
@@ -72,6 +73,32 @@ def test_the_vectors_reach_what_they_are_for() -> None:
     ]
     assert controls.count(1.5) > 5
     assert controls.count(0.3) > 10
+
+
+@pytest.mark.parametrize(
+    ("gains", "sample_time"),
+    [(Fopid(1e-4, 1e-5), 0.01), (Fopid(500.0, 80.0, 20.0, 0.9, 0.8), 1e-4), (Fopid(1.0, 0.5, 0.1, 0.8), 1e5)],
+)
+def test_the_vectors_saturate_and_stay_finite_for_any_gains_and_sample_time(gains: Fopid, sample_time: float) -> None:
+    settings = ControllerSettings(gains, sample_time=sample_time)
+    rows, scale = _vectors(settings, 400)
+    low, high = next(row[1:3] for row in rows if row[0] == "LIMITS")
+    assert max(abs(row[-1]) for row in rows) <= scale < math.inf
+    assert sum(row[-1] in (low, high) for row in rows) > 5
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    result = invoke("--gains", "1,1,0,1,1", "--out", str(tmp_path / "file" / "out"))
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert "out " in result.stderr
+
+
+def test_numbers_and_truths_are_typed_as_the_node_reads_them(tmp_path: Path) -> None:
+    more = "--set band.poles=9 --set band.low=0.01 --set bumpless=false --set antiwindup=none"
+    result = invoke("--gains", "1,.5,.1,.9,.8", *more.split(), "--name", "loop", "--out", str(tmp_path))
+    assert result.exit_code == 0
+    assert "by 10 lags" in (tmp_path / "loop.h").read_text()
 
 
 def test_a_wrong_header_is_noticed(tmp_path: Path) -> None:
@@ -161,6 +188,10 @@ def test_the_verb_reads_the_nodes_parameter_file(tmp_path: Path) -> None:
         (["--gains", "1,1,0,1,1", "--set", "horizn=3"], "parameter 'horizn'"),
         (["--gains", "1,1,0,1,1", "--set", "horizon"], "set 'horizon'"),
         (["--gains", "1,1,0,1,1", "--name", "a-b"], "name 'a-b'"),
+        (["--gains", "1,1,0,1,1", "--set", "band.poles=7.5"], "band.poles = '7.5'; allowed: a whole number"),
+        (["--gains", "1,1,0,1,1", "--set", "bumpless=maybe"], "bumpless = 'maybe'; allowed: true, false"),
+        (["--gains", "1,1,0,1,1", "--sample-time", "0"], "sample_time = 0.0"),
+        (["--gains", "1e40,1,0,1,1"], "1e+40 in the controller; allowed in C: up to 1e+30"),
         (["--params", "nowhere.yaml"], "params nowhere.yaml"),
     ],
 )

@@ -38,7 +38,19 @@ def of_derivative(reading: DerivativeReading, band: Band, s: np.ndarray) -> np.n
     [(0.01, 0.0), (1e-6, 0.0), (1e3, 0.0), (0.01, 0.1), (0.01, 1.0), (0.01, 50.0), (0.01, 1e4), (1e-3, 1e6)],
 )
 def test_every_order_is_met_over_the_whole_band_whatever_its_width(sample_time: float, horizon: float) -> None:
-    band = Band.for_sample_time(sample_time, horizon)
+    every_order_is_met(Band.for_sample_time(sample_time, horizon))
+
+
+@pytest.mark.parametrize("edges", [(1e-7, 0.0), (0.0, 3e3), (1.0, 10.0), (1e-6, 1e4)])
+def test_a_band_of_given_edges_has_poles_for_its_own_width(edges: tuple[float, float]) -> None:
+    low, high = edges
+    band = Band.for_sample_time(0.01, low=low, high=high)
+    every_order_is_met(band)
+    assert (low or band.low, high or band.high) == (band.low, band.high)
+    assert Band.for_sample_time(0.01, low=low, high=high, poles=30) == Band(band.low, band.high, 30)
+
+
+def every_order_is_met(band: Band) -> None:
     s = 1j * np.geomspace(band.low, band.high, 601)
     for order in ORDERS:
         integral = of_integral(integral_reading(band, order), band, s) / s**-order
@@ -76,7 +88,13 @@ def test_the_band_reaches_from_the_nyquist_frequency_to_the_horizon_with_poles_f
 
 @pytest.mark.parametrize(
     ("arguments", "named"),
-    [((1.0, 0.5, 10), "low"), ((0.0, 1.0, 10), "low"), ((1.0, math.inf, 10), "high"), ((1.0, 2.0, 1), "poles")],
+    [
+        ((1.0, 0.5, 10), "low"),
+        ((0.0, 1.0, 10), "low"),
+        ((1.0, math.inf, 10), "high"),
+        ((1.0, 2.0, 1), "poles"),
+        ((1e-6, 1e5, 24), "high up to 1e\\+10 times low"),
+    ],
 )
 def test_bad_bands_are_named(arguments: tuple, named: str) -> None:
     with pytest.raises(InputError, match=named):

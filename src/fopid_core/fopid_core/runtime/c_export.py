@@ -114,7 +114,9 @@ def _vectors(settings: ControllerSettings, ticks: int) -> tuple[list[Row], float
 
     for k in range(ticks):
         if k == ticks // 2:
-            narrow = replace(settings, control_min=settings.safe_control - 0.8, control_max=settings.safe_control + 0.7)
+            reach = 0.3 * max(abs(row[-1] - settings.safe_control) for row in rows) or 1.0
+            low, high = settings.safe_control - reach, settings.safe_control + 0.9 * reach
+            narrow = replace(settings, control_min=low, control_max=high)
             controller.reconfigure(narrow)
             record("LIMITS", narrow.control_min, narrow.control_max, narrow.control_rate_max)
         if k in (ticks // 4, ticks // 4 + 20):
@@ -129,7 +131,7 @@ def _vectors(settings: ControllerSettings, ticks: int) -> tuple[list[Row], float
             record("HOLD", wanted)
             continue
         setpoint = float(k // 40 % 3)
-        measurement += 0.02 * (controller.state.control - measurement) + 0.002 * random.standard_normal()
+        measurement += 0.02 * (setpoint - measurement) + 0.002 * random.standard_normal()  # bounded for any gains
         inputs = (setpoint, measurement, 0.1 * math.sin(0.05 * k), 0.3)
         controller.step(*inputs)
         record("STEP", *inputs)
@@ -158,4 +160,8 @@ def _listed(numbers: Iterable[str]) -> str:
 def _number(value: float) -> str:
     """With all its digits; infinities as the largest number C is given."""
     value = float(value)
-    return repr(min(max(value, -NO_LIMIT), NO_LIMIT))
+    if math.isinf(value):
+        return repr(math.copysign(NO_LIMIT, value))
+    if abs(value) > NO_LIMIT:
+        raise InputError(f"{value:g} in the controller; allowed in C: up to {NO_LIMIT:g}")
+    return repr(value)

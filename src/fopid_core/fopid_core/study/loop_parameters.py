@@ -55,15 +55,9 @@ def controller_settings(parameters: Mapping[str, Any], sample_time: float) -> Co
     """
     gains = Fopid(**{"kp": 0.0, **{name: parameters[name] for name in GAINS if name in parameters}})
     given = {name: parameters[name] for name in _SETTINGS if name in parameters}
-    return ControllerSettings(gains, **{**given, "sample_time": sample_time, "band": _band(parameters, sample_time)})
-
-
-def _band(parameters: Mapping[str, Any], sample_time: float) -> Band | None:
-    low, high, poles = (parameters.get(name, 0) for name in _BAND)
-    if not (low or high or poles):
-        return None
-    chosen = Band.for_sample_time(sample_time)
-    return Band(low or chosen.low, high or chosen.high, poles or chosen.poles)
+    edges = {name.removeprefix("band."): parameters[name] for name in _BAND if name in parameters}
+    band = Band.for_sample_time(sample_time, parameters.get("horizon", 0.0), **edges)
+    return ControllerSettings(gains, **{**given, "sample_time": sample_time, "band": band})
 
 
 def plant_settings(process: Process, parameters: Mapping[str, Any], sample_time: float) -> PlantSettings:
