@@ -1,6 +1,7 @@
-"""A plant that knows nothing of this package: a plain node with plain messages, run as ``foreign_plant.py KIND``.
+"""A plant that knows nothing of this package, a plain node with plain messages: ``foreign_plant.py KIND [steps]``.
 
-All are about ten times as fast as what process engineers meet, so that tests do not last.
+All are about ten times as fast as what process engineers meet, so that tests do not last. With ``steps`` the plant owns
+``/clock`` and waits for the answer to each of its samples: however busy the machine is, its time is not disturbed.
 """
 
 from __future__ import annotations
@@ -13,16 +14,20 @@ from collections import deque
 import numpy as np
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float64
 
 TICK = 0.01
 SUBSTEPS = 5
+SPEED, ASK_AGAIN = 2.0, 0.2
 
 
 class Foreign(Node):
-    """Publishes ``sensor`` at 100 Hz, follows ``actuator``."""
+    """A plant with a ``sensor``, that follows ``actuator``."""
 
     def __init__(self, kind: str, seed: int = 1) -> None:
         super().__init__("foreign_plant")
@@ -31,21 +36,16 @@ class Foreign(Node):
         self._actuator = 0.5 if kind == "tank" else 0.0
         self._noise = np.random.default_rng(seed)
         self._past: deque[float] = deque([0.0] * 250, maxlen=250)
-        self._publisher = self.create_publisher(Float64, "sensor", 10)
-        self.create_subscription(Float64, "actuator", self._heard, 10)
-        self._time = time.monotonic()
-        self.create_timer(TICK, self._tick)
+        self._drift = 0.0
+        self.create_subscription(Float64, "drift", self._drifted, 1)
 
-    def _heard(self, message: Float64) -> None:
-        self._actuator = message.data
+    def _drifted(self, message: Float64) -> None:
+        self._drift = message.data
 
-    def _tick(self) -> None:
-        # A plant does not wait for a late timer: what has passed is made up for.
-        while self._time < time.monotonic():
-            self._time += TICK / SUBSTEPS
-            self._past.append(self._actuator)
-            self._state = self._state + TICK / SUBSTEPS * np.array(self._step(self._state, self._actuator))
-        self._publisher.publish(Float64(data=float(self._sensor())))
+    def _go_on(self) -> None:
+        """One substep."""
+        self._past.append(self._actuator)
+        self._state = self._state + TICK / SUBSTEPS * np.array(self._step(self._state, self._actuator))
 
     def _sensor(self) -> float:
         if self._step == self._quantised:
@@ -81,6 +81,11 @@ class Foreign(Node):
         """A delay of 0.5 s, ten times the lag."""
         return (self._past[0] - x[0]) / 0.05, 0.0, 0.0
 
+    def _drifting(self, x: np.ndarray, _: float) -> tuple[float, float, float]:
+        """Second order and a delay; told so, its gain doubles and its delay grows by half."""
+        back = round(0.06 * (1.0 + 0.5 * self._drift) / (TICK / SUBSTEPS))
+        return (x[1] - x[0]) / 0.3, ((1.0 + self._drift) * self._past[-back] - x[1]) / 0.1, 0.0
+
     def _reversed(self, x: np.ndarray, u: float) -> tuple[float, float, float]:
         """Cooling: more control, less measurement."""
         return (-1.5 * x[1] - x[0]) / 0.4, (u - x[1]) / 0.1, 0.0
@@ -90,10 +95,65 @@ class Foreign(Node):
         return 0.0, 0.0, 0.0
 
 
+class RealTime(Foreign):
+    """Publishes bare numbers at 100 Hz."""
+
+    def __init__(self, kind: str) -> None:
+        super().__init__(kind)
+        self._time = time.monotonic()
+        self._publisher = self.create_publisher(Float64, "sensor", 10)
+        self.create_subscription(Float64, "actuator", self._heard, 10)
+        self.create_timer(TICK, self._tick)
+
+    def _heard(self, message: Float64) -> None:
+        self._actuator = message.data
+
+    def _tick(self) -> None:
+        # A plant does not wait for a late timer: what has passed is made up for.
+        while self._time < time.monotonic():
+            self._time += TICK / SUBSTEPS
+            self._go_on()
+        self._publisher.publish(Float64(data=float(self._sensor())))
+
+
+class InSteps(Foreign):
+    """Publishes stamped samples and the time, twice as fast as real time at most, each after the answer to the last."""
+
+    def __init__(self, kind: str) -> None:
+        super().__init__(kind)
+        self._now = self._asked = 0.0
+        self._sample = Temperature(temperature=float(self._sensor()))
+        self._answered = True
+        self._publisher = self.create_publisher(Temperature, "sensor", 10)
+        self._clock_publisher = self.create_publisher(Clock, "/clock", 10)
+        self.create_subscription(Temperature, "actuator", self._heard, 10)
+        self.create_timer(TICK / SPEED, self._tick)
+
+    def _heard(self, message: Temperature) -> None:
+        if message.header.stamp == self._sample.header.stamp:
+            self._actuator, self._answered = message.temperature, True
+
+    def _tick(self) -> None:
+        if self._answered:
+            for _ in range(SUBSTEPS):
+                self._go_on()
+            self._now += TICK
+            stamp = Duration(seconds=self._now).to_msg()
+            self._sample = Temperature(temperature=float(self._sensor()))
+            self._sample.header.stamp.sec, self._sample.header.stamp.nanosec = stamp.sec, stamp.nanosec
+            self._clock_publisher.publish(Clock(clock=self._sample.header.stamp))
+            self._answered = False
+        elif time.monotonic() < self._asked + ASK_AGAIN:
+            return
+        self._asked = time.monotonic()
+        self._publisher.publish(self._sample)
+
+
 def main() -> None:
+    kind, *steps = sys.argv[1:]
     rclpy.init()
     try:
-        rclpy.spin(Foreign(sys.argv[1]))
+        rclpy.spin((InSteps if steps else RealTime)(kind))
     except (KeyboardInterrupt, ExternalShutdownException, RCLError):
         return
 

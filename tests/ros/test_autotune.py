@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
+from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float64
 
 from fopid_core.model.fopid import Fopid
@@ -25,23 +26,29 @@ from fopid_ros.node import latched_qos
 from .conftest import SETTLE, Graph
 
 GAINS = ("kp", "ki", "kd", "lam", "mu")
-PLAIN = {"type": "std_msgs/msg/Float64", "field": "data"}
-TYPES = {f"{signal}.{key}": value for signal in ("measurement", "control") for key, value in PLAIN.items()}
 REMAPS = ("-r", "measurement:=sensor", "-r", "control:=actuator")
 PI = {"kp": 0.5, "ki": 1.0}
+
+
+def _types(type_name: str, field: str) -> dict[str, object]:
+    return {f"{signal}.{key}": value for signal in ("measurement", "control")
+            for key, value in (("type", type_name), ("field", field))}  # fmt: skip
 
 
 class ForeignLoop:
     """The foreign plant under a hand-made PI, and a tuner that knows nothing; setpoint 1."""
 
-    def __init__(self, graph: Graph, kind: str, gains: Mapping[str, float], **tuner: object) -> None:
+    def __init__(self, graph: Graph, kind: str, gains: Mapping[str, float], *, steps: bool = True, **tuner: object):
         self.graph = graph
-        self.plant = subprocess.Popen(
-            [sys.executable, Path(__file__).with_name("foreign_plant.py"), kind], env=graph.environment
-        )
-        graph.start("fopid_controller", {**gains, **TYPES}, *REMAPS)
-        self.tuner = graph.start("fopid_tuner", {**TYPES, **tuner}, *REMAPS)
-        self.sensed = graph.listen(Float64, "sensor")
+        script = [sys.executable, str(Path(__file__).with_name("foreign_plant.py")), kind, *["steps"] * steps]
+        self.plant = subprocess.Popen(script, env=graph.environment)
+        message = Temperature if steps else Float64
+        types = _types(*("sensor_msgs/msg/Temperature", "temperature") if steps else ("std_msgs/msg/Float64", "data"))
+        trigger = {"trigger": "lockstep"} if steps else {}
+        graph.start("fopid_controller", {**gains, **types, **trigger, "use_sim_time": steps}, *REMAPS)
+        self.tuner = graph.start("fopid_tuner", {**types, **tuner, "use_sim_time": steps}, *REMAPS)
+        self._field = "temperature" if steps else "data"
+        self._sensed = graph.listen(message, "sensor")
         self.added = graph.listen(ScalarStamped, "feedforward")
         self.feedback: list[Any] = []
         self._setpoint = graph.node.create_publisher(ScalarStamped, "setpoint", 1)
@@ -50,7 +57,12 @@ class ForeignLoop:
         graph.until(lambda: self._setpoint.get_subscription_count() == 2, "controller and tuner")
         graph.spin(SETTLE)
         self._setpoint.publish(ScalarStamped(value=1.0))
-        graph.until(lambda: self.sensed, "the plant")
+        graph.until(lambda: self._sensed, "the plant")
+
+    @property
+    def sensed(self) -> list[float]:
+        """What the plant has measured so far."""
+        return [getattr(message, self._field) for message in self._sensed]
 
     def autotune(self, **goal: Any) -> Any:
         """Send a goal; the accepted goal's handle."""
@@ -67,7 +79,8 @@ class ForeignLoop:
 
     def until_at_rest(self) -> None:
         def rests() -> bool:
-            return len(self.sensed) > 50 and all(abs(m.data - 1.0) < 0.05 for m in self.sensed[-50:])
+            newest = self.sensed[-50:]
+            return len(newest) == 50 and all(abs(value - 1.0) < 0.05 for value in newest)
 
         self.graph.until(rests, "the loop rests at its setpoint")
 
@@ -76,8 +89,8 @@ class ForeignLoop:
 def loops(graph: Graph) -> Any:
     made: list[ForeignLoop] = []
 
-    def make(kind: str, gains: Mapping[str, float], **tuner: object) -> ForeignLoop:
-        made.append(ForeignLoop(graph, kind, gains, **tuner))
+    def make(kind: str, gains: Mapping[str, float], **more: Any) -> ForeignLoop:
+        made.append(ForeignLoop(graph, kind, gains, **more))
         return made[-1]
 
     yield make
@@ -87,7 +100,7 @@ def loops(graph: Graph) -> Any:
 
 
 def test_an_unknown_plant_is_learnt_tuned_and_handed_over(loops: Any) -> None:
-    loop = loops("saturating", PI)
+    loop = loops("saturating", PI, steps=False)
     handle = loop.autotune(deviation_max=0.3, duration=8.0)
     done = loop.outcome(handle)
     result = done.result

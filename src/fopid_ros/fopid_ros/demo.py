@@ -29,18 +29,23 @@ def node_parameters(experiment: Experiment) -> dict[str, dict[str, object]]:
     if lockstep:
         plant["advance_until"] = 0.0
     simulated = {"use_sim_time": lockstep}
+    tuner = {**simulated, "process": experiment.process, "sample_time": experiment.sample_time}
+    if lockstep:
+        tuner["history"] = 0.0  # nobody asks it to learn from the loop, and listening would slow the loop down
     return {
         "plant_simulator": plant,
         "fopid_controller": {**common, **simulated, **experiment.gains, **experiment.controller},
-        "fopid_tuner": {**simulated, "process": experiment.process, "sample_time": experiment.sample_time},
+        "fopid_tuner": tuner,
     }
 
 
-def start_nodes(children: Children, experiment: Experiment, environment: dict[str, str]) -> None:
-    """Start plant, controller and tuner."""
+def start_nodes(
+    children: Children, experiment: Experiment, environment: dict[str, str], more: Sequence[str] = ()
+) -> None:
+    """Start plant, controller and tuner; ``more`` are further ROS arguments of each."""
     for executable, parameters in node_parameters(experiment).items():
-        quiet = ["--log-level", "warn"]
-        children.start(executable, [command(executable), *ros_arguments(parameters), *quiet], environment)
+        arguments = [*ros_arguments(parameters), "--log-level", "warn", *more]
+        children.start(executable, [command(executable), *arguments], environment)
 
 
 def _environment() -> dict[str, str]:
@@ -116,8 +121,20 @@ def _run(options: argparse.Namespace) -> int:
     return run_with_nodes(experiment, options.out or run_folder("demo"))
 
 
-def run_with_nodes(experiment: Experiment, folder: Path, more: Sequence[str] = ()) -> int:
-    """Run an experiment with nodes of its own; ``more`` are further arguments of the command ``experiment``.
+def run_with_nodes(
+    experiment: Experiment, folder: Path, options: Sequence[str] = (), ros_options: Sequence[str] = ()
+) -> int:
+    """Run an experiment with nodes of its own.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    folder : Path
+        A new one.
+    options : sequence of str
+        Further ones of the command ``experiment``.
+    ros_options : sequence of str
+        What stands behind ``--ros-args``, for all nodes: a namespace, remappings.
 
     Raises
     ------
@@ -127,8 +144,9 @@ def run_with_nodes(experiment: Experiment, folder: Path, more: Sequence[str] = (
     with only_demonstration(os.environ.get("ROS_DOMAIN_ID", "0")), Children() as children:
         file = _write(experiment, folder)
         environment = _environment()
-        start_nodes(children, experiment, environment)
-        children.start("experiment", [command("experiment"), str(file), "--out", str(folder), *more], environment)
+        start_nodes(children, experiment, environment, ros_options)
+        conductor = [command("experiment"), str(file), "--out", str(folder), *options, "--ros-args", *ros_options]
+        children.start("experiment", conductor, environment)
         return _watch(children)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
@@ -68,9 +69,11 @@ class Endpoints:
         opened = self._node.create_service(kind, name, callback)
         self._closing.append(lambda: self._node.destroy_service(opened))
 
-    def timer(self, period: float, callback: Callable[[], None], clock: Clock) -> Timer:
-        """Start a timer [s]."""
-        opened = self._node.create_timer(period, callback, clock=clock)
+    def timer(
+        self, period: float, callback: Callable[[], None], clock: Clock, group: CallbackGroup | None = None
+    ) -> Timer:
+        """Start a timer [s], in the node's own callback group unless told otherwise."""
+        opened = self._node.create_timer(period, callback, group, clock)
         self._closing.append(lambda: self._node.destroy_timer(opened))
         return opened
 

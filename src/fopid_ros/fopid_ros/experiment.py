@@ -138,13 +138,19 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _with_nodes(experiment: Experiment, options: argparse.Namespace, given: Sequence[str]) -> int:
+def _with_nodes(experiment: Experiment, options: argparse.Namespace, ros_options: Sequence[str]) -> int:
     """Have a parent start the nodes and this command once more, and watch over them."""
     from fopid_ros.demo import interruptible, run_with_nodes
 
     folder = options.out or run_folder(experiment.name)
-    more = [argument for argument in given if argument not in (str(options.file), "--start-nodes")]
-    return interruptible(lambda: run_with_nodes(experiment, folder, more))
+    record_only = ["--no-report"] if options.no_report else []
+    return interruptible(lambda: run_with_nodes(experiment, folder, record_only, ros_options))
+
+
+def _ros_options(given: Sequence[str]) -> list[str]:
+    """What stands between ``--ros-args`` and ``--``, or the end."""
+    behind = given[given.index("--ros-args") + 1 :] if "--ros-args" in given else []
+    return list(behind[: behind.index("--")] if "--" in behind else behind)
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -155,7 +161,7 @@ def main(args: Sequence[str] | None = None) -> int:
     try:
         experiment = read_experiment(options.file)
         if options.start_nodes:
-            return _with_nodes(experiment, options, given)
+            return _with_nodes(experiment, options, _ros_options(given))
         check_domain()
         ask_for_prompt_acknowledgements()
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)

@@ -6,6 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -220,11 +221,7 @@ class ExperimentNode(Node):
 
     def tune(self, call: TuneCall) -> None:
         """Have the tuner tune and apply; when it does not, the loop goes on with the gains it has."""
-        request = Tune.Request(
-            method=call.method, phase_margin=math.radians(call.phase_margin_deg), crossover=call.crossover,
-            index=call.index, ms_max=call.ms_max, u_max=call.u_max, horizon=call.horizon, via=call.via,
-            rule=call.rule, apply=True,
-        )  # fmt: skip
+        request = tune_request(call)
         response: Tune.Response = self._call(
             lambda: self._tune.call_async(request), "fopid_tuner", TUNING_TIME, again=TUNING_TIME
         )
@@ -305,6 +302,12 @@ class ExperimentNode(Node):
             self.spin(SLICE)
             if self.recorded() > newest:
                 newest, moved = self.recorded(), time.monotonic()
+
+
+def tune_request(call: TuneCall) -> Tune.Request:
+    """What is asked of ~/tune."""
+    same = {name: value for name, value in asdict(call).items() if name != "phase_margin_deg"}
+    return Tune.Request(phase_margin=math.radians(call.phase_margin_deg), apply=True, **same)
 
 
 def describe(phase: Phase) -> str:

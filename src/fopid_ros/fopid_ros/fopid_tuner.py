@@ -29,11 +29,13 @@ from fopid_msgs.action import Autotune
 from fopid_msgs.msg import ReducedModel
 from fopid_msgs.msg import TuningResult as TuningResultMessage
 from fopid_msgs.srv import Identify, Reduce, Tune
-from fopid_ros.autotune import AutotuneOutcome, Autotuner
+from fopid_ros.adaptation import Adaptation
+from fopid_ros.autotune import Autotuner
 from fopid_ros.controller_client import ControllerClient
 from fopid_ros.diagnostics import diagnostic_array, diagnostic_status
+from fopid_ros.handover import Outcome
 from fopid_ros.loop_tap import LoopTap
-from fopid_ros.loop_wait import CancelledError, Stage
+from fopid_ros.loop_wait import CancelledError, LoopWait, Stage
 from fopid_ros.node import ManagedNode, latched_qos, run
 from fopid_ros.signals import header_stamp
 from fopid_ros.tuner_messages import (
@@ -42,10 +44,13 @@ from fopid_ros.tuner_messages import (
     fill_gains,
     fill_measures,
     identified_message,
+    terms,
     tuning_request,
 )
 from fopid_ros.tuner_parameters import SPECS
 
+PERIOD = 1.0
+"""Of the diagnostics, and between two questions whether a look at the loop is due [s, on a steady clock]."""
 FINISH_TIME = 5.0
 """How long a request may take to end when the node is told to stop [s]."""
 
@@ -60,9 +65,9 @@ class Applied:
 
 
 class TunerNode(ManagedNode):
-    """Serves ~/tune, ~/reduce and ~/identify, publishes ~/result.
+    """Serves ~/tune, ~/reduce, ~/identify and ~/autotune, adapts when it may, publishes ~/result.
 
-    Services run in threads of their own, so the node answers others while it works.
+    Each works in a thread of its own, so the node answers others meanwhile.
     """
 
     NAME = "fopid_tuner"
@@ -70,7 +75,7 @@ class TunerNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__()
-        concurrent = ReentrantCallbackGroup()
+        self._concurrent = concurrent = ReentrantCallbackGroup()
         self._busy = threading.Lock()
         self._stopping = threading.Event()
         self._results = self.create_publisher(TuningResultMessage, "~/result", latched_qos(depth=100))
@@ -87,13 +92,18 @@ class TunerNode(ManagedNode):
 
     def open(self, values: dict[str, Any]) -> None:
         self._tap = LoopTap(self, values)
+        self._adaptation = Adaptation(self._tap, self._controller)
         self._diagnostics = self.endpoints.publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
-        self.endpoints.timer(1.0, self._publish_diagnostics, Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.endpoints.timer(PERIOD, self._publish_diagnostics, steady)
+        self.endpoints.timer(PERIOD, self._adapt, steady, self._concurrent)
 
     def check(self, values: dict[str, Any]) -> None:
         if values["process"]:
             read_process(values["process"])
         tuning_request(Tune.Request(process="P1"), values)
+        if values["adapt"] != "off" and not values["history"]:
+            raise InputError("history = 0; allowed: above 0 s, since adapt needs the loop's signals")
 
     def _on_tune(self, request: Tune.Request, response: Tune.Response) -> Tune.Response:
         return self._alone(lambda: self._tune(request, response), response)
@@ -160,6 +170,7 @@ class TunerNode(ManagedNode):
             "process": self.get_parameter("process").value or "not known",
             "controller": self._controller.name,
             "last result": self._last or "none",
+            "adaptation": self._adaptation.message or self.get_parameter("adapt").value,
             "last rejected parameter set": self.last_rejected or "none",
         }
         state = "tuning" if self._stage == "idle" and self._busy.locked() else self._stage
@@ -190,33 +201,64 @@ class TunerNode(ManagedNode):
             self._stage = stage.phase
             goal.publish_feedback(Autotune.Feedback(**asdict(stage)))
 
-        request = autotune_request(goal.request, self.values())
-
         def ended() -> bool:
             return bool(goal.is_cancel_requested or self._stopping.is_set())
 
-        tuner = Autotuner(self._tap, self._controller, request, tell, ended)
+        request = autotune_request(goal.request, self.values())
         try:
-            outcome = tuner.run()
+            outcome = Autotuner(self._tap, self._controller, request, LoopWait(self._tap, tell, ended)).run()
         except CancelledError:
             result.message = "cancelled; gains and control are as they were"
             return
         finally:
             self._stage = "idle"
         fill_autotune_result(result, outcome)
-        self._publish_autotuning(result, outcome)
+        self._publish_learnt("autotune", result, outcome)
         if outcome.success and outcome.model is not None:
             self._adopt(outcome.model)
 
-    def _publish_autotuning(self, result: Autotune.Result, outcome: AutotuneOutcome) -> None:
+    def _publish_learnt(self, method: str, result: Autotune.Result, outcome: Outcome) -> None:
         tuning = outcome.tuned.tuning if outcome.tuned else None
         message = TuningResultMessage(
-            method=f"autotune {tuning.method}" if tuning else "autotune", process=result.model.process,
+            method=f"{method} {tuning.method}" if tuning else method, process=result.model.process,
             success=result.success, applied=result.applied, message=result.message, gains=result.gains,
             previous_gains=result.previous_gains, achieved=result.achieved, unmet=list(tuning.unmet) if tuning else [],
             elapsed=outcome.tuned.elapsed if outcome.tuned else 0.0,
         )  # fmt: skip
         self._publish(message)
+
+    def _adapt(self) -> None:
+        """Look at the loop, when that is wanted and nothing else is under way."""
+        values = self.values()
+        if values["adapt"] == "off" or math.isnan(self._tap.history.newest("control")):
+            return
+        if not self._busy.acquire(blocking=False):
+            return
+        try:
+            self._look(values)
+        except InputError as error:
+            self._adaptation.message = str(error)
+        except CancelledError:
+            self.get_logger().info("stopped while new gains were watched: the previous ones are back")
+        finally:
+            self._stage = "idle"
+            self._busy.release()
+
+    def _look(self, values: dict[str, Any]) -> None:
+        def tell(stage: Stage) -> None:
+            self._stage = f"adapting: {stage.phase}"
+
+        wanted = terms(tuning_request(Tune.Request(process="P1"), values), values)
+        wait = LoopWait(self._tap, tell, self._stopping.is_set)
+        outcome = self._adaptation.look(values["adapt.window"], values["adapt"] == "apply", wanted, wait)
+        if outcome is None:
+            return
+        result = Autotune.Result()
+        fill_autotune_result(result, outcome)
+        self._publish_learnt("adapt", result, outcome)
+        self.get_logger().info(f"adapt: {outcome.message}")
+        if self._adaptation.model is not None:
+            self._take_for(self._adaptation.model)
 
     def _identify(self, request: Identify.Request, response: Identify.Response) -> None:
         now = self.get_clock().now().nanoseconds * 1e-9
@@ -229,6 +271,10 @@ class TunerNode(ManagedNode):
         response.success, response.message, response.elapsed = found.success, found.message, found.elapsed
 
     def _adopt(self, model: IdentifiedModel) -> None:
+        self._adaptation.learnt(model)
+        self._take_for(model)
+
+    def _take_for(self, model: IdentifiedModel) -> None:
         self.set_parameters_atomically([Parameter("process", value=str(model.process))])
 
     def _on_reduce(self, request: Reduce.Request, response: Reduce.Response) -> Reduce.Response:

@@ -14,13 +14,13 @@ from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
 from fopid_core.runtime.watch import LoopFigures, LoopMeter
+from fopid_ros.handover import FEWEST_TICKS, Controller
 from fopid_ros.loop_tap import LoopTap, Tick
 from fopid_ros.loop_wait import LoopWait, Stage
 
 PRBS_ORDER = 5
 EXCITATIONS = {"prbs": (1 << PRBS_ORDER) - 1, "relay": 8, "step": 2}
 """Kinds of experiment, and into how many holds each divides its duration."""
-FEWEST_TICKS = 30
 INTEGRAL_TIMES = 20.0
 """Length of the experiment when nobody says it, in integral times of the present controller."""
 FIRST_SHARE = 0.1
@@ -57,14 +57,11 @@ class WantedExperiment:
 
 @dataclass
 class RunningLoop:
-    """The loop before anything is done to it, as its controller and its signals tell.
+    """The loop before anything is done to it.
 
     Attributes
     ----------
-    gains : Fopid
-    sample_time : float
-        [s]
-    control_min, control_max : float
+    controller : Controller
     setpoint : float
     noise : float
         Standard deviation of the measurement's noise.
@@ -72,35 +69,30 @@ class RunningLoop:
         Largest distance from the setpoint that is allowed.
     offset : float
         Of the measurement from the setpoint, on the average.
+    drift : float
+        By how much that changes from the first half of the time looked at to the second.
     figures : LoopFigures
     """
 
-    gains: Fopid
-    sample_time: float
-    control_min: float
-    control_max: float
+    controller: Controller
     setpoint: float = 0.0
     noise: float = 0.0
     deviation_max: float = 0.0
     figures: LoopFigures = field(default_factory=lambda: LoopMeter(1.0).figures)
     offset: float = 0.0
+    drift: float = 0.0
 
     @property
     def rests(self) -> bool:
-        """Whether the measurement stays near the setpoint."""
-        return abs(self.offset) <= REST_SHARE * self.deviation_max
+        """Whether the measurement stays near the setpoint, and does not only pass it."""
+        return max(abs(self.offset), abs(self.drift)) <= REST_SHARE * self.deviation_max
 
-    @property
-    def integral_time(self) -> float:
-        """(kp/ki)^(1/lam), the time scale that whoever chose these gains had in mind [s]; NaN where there is none."""
-        gains = self.gains
-        if not (gains.kp and gains.ki and gains.lam):
-            return math.nan
-        return float(abs(gains.kp / gains.ki) ** (1.0 / gains.lam))
 
-    def saturated(self, control: float) -> bool:
-        """Whether a control is at a limit."""
-        return not self.control_min < control < self.control_max
+def integral_time(gains: Fopid) -> float:
+    """(kp/ki)^(1/lam), the time scale that whoever chose these gains had in mind [s]; NaN where there is none."""
+    if not (gains.kp and gains.ki and gains.lam):
+        return math.nan
+    return float(abs(gains.kp / gains.ki) ** (1.0 / gains.lam))
 
 
 class LiveExperiment:
@@ -128,15 +120,15 @@ class LiveExperiment:
 
     def _chosen_duration(self) -> float:
         """Of the experiment [s]."""
-        duration = self._wanted.duration or INTEGRAL_TIMES * self.loop.integral_time
+        duration = self._wanted.duration or INTEGRAL_TIMES * integral_time(self.loop.controller.gains)
         if not math.isfinite(duration):
             raise InputError("duration = 0; allowed: above 0 s, since the present gains show no time scale")
-        return max(duration, 10 * FEWEST_TICKS * self.loop.sample_time)
+        return max(duration, 10 * FEWEST_TICKS * self.loop.controller.sample_time)
 
     def measure(self) -> None:
         """The loop as it is, once it rests: where, and how noisy it is."""
         loop, duration = self.loop, self.duration
-        window = max(FEWEST_TICKS * loop.sample_time, 0.05 * duration)
+        window = max(FEWEST_TICKS * loop.controller.sample_time, 0.05 * duration)
         ticks: deque[Tick] = deque()
         begun: list[float] = []
 
@@ -158,19 +150,23 @@ class LiveExperiment:
             measured, lambda: Stage("measuring", 0.0, deviation=loop.offset, message="waiting until it rests")
         )
         if not loop.rests:
-            off = f"measurement {loop.offset:+.4g} off the setpoint on the average for {duration:.3g} s"
+            off = (
+                f"measurement {loop.offset:+.4g} off the setpoint, drifting by {loop.drift:+.4g}, for {duration:.3g} s"
+            )
             raise InputError(f"{off}; allowed: a loop at rest, {REST_SHARE * loop.deviation_max:.4g} at most")
 
     def _take_rest(self, ticks: list[Tick]) -> None:
         """What the last ticks show of the loop."""
         loop = self.loop
         measured = np.array([tick.measurement for tick in ticks])
-        meter = LoopMeter(loop.sample_time)
+        meter = LoopMeter(loop.controller.sample_time)
         for tick in ticks:
-            meter.step(tick.setpoint, tick.measurement, loop.saturated(tick.control))
+            meter.step(tick.setpoint, tick.measurement, loop.controller.saturated(tick.control))
         loop.figures = meter.figures
         loop.setpoint = ticks[-1].setpoint
         loop.offset = float(measured.mean()) - loop.setpoint
+        first, second = np.array_split(measured, 2)
+        loop.drift = float(second.mean() - first.mean())
         loop.noise = float(np.std(np.diff(measured)) / math.sqrt(2.0))
         loop.deviation_max = self._wanted.deviation_max or max(0.1 * abs(loop.setpoint), 20.0 * loop.noise)
         if not loop.deviation_max > 0.0:
@@ -202,20 +198,20 @@ class LiveExperiment:
 
     def _settings(self, kind: str, amplitude: float, duration: float) -> ExcitationSettings:
         loop = self.loop
-        hold = max(duration / EXCITATIONS[kind], 3.0 * loop.sample_time)
+        hold = max(duration / EXCITATIONS[kind], 3.0 * loop.controller.sample_time)
         return ExcitationSettings(
-            kind=kind, amplitude=math.copysign(amplitude, loop.gains.kp or 1.0), acts_on="control",
+            kind=kind, amplitude=math.copysign(amplitude, loop.controller.gains.kp or 1.0), acts_on="control",
             low=loop.setpoint - loop.deviation_max, high=loop.setpoint + loop.deviation_max,
             hold=hold, order=PRBS_ORDER, hysteresis=3.0 * loop.noise,
         )  # fmt: skip
 
     def _probe(self) -> str:
         """Find the amplitude that moves the measurement by a good part of what is allowed, from below."""
-        loop, gains = self.loop, self.loop.gains
-        if not (gains.kp or math.isfinite(loop.control_max - loop.control_min)):
+        loop, gains = self.loop, self.loop.controller.gains
+        if not (gains.kp or math.isfinite(loop.controller.control_max - loop.controller.control_min)):
             raise InputError("amplitude = 0; allowed: above 0, since kp = 0 and no limits of the control give a scale")
         sizes = [FIRST_SHARE * loop.deviation_max * abs(gains.kp)] if gains.kp else []
-        amplitude = min([*sizes, 0.05 * (loop.control_max - loop.control_min)])
+        amplitude = min([*sizes, 0.05 * (loop.controller.control_max - loop.controller.control_min)])
         for _ in range(PROBES):
             excitation = Excitation(self._settings("step", amplitude, self.duration / 6.0))
             self._drive(excitation, lambda: 0.05)

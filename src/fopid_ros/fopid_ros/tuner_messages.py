@@ -16,8 +16,9 @@ from fopid_msgs.action import Autotune
 from fopid_msgs.msg import Gains, LoopMeasures
 from fopid_msgs.msg import IdentifiedModel as IdentifiedModelMessage
 from fopid_msgs.srv import Tune
-from fopid_ros.autotune import AutotuneOutcome, AutotuneRequest
+from fopid_ros.autotune import AutotuneRequest
 from fopid_ros.controller_client import GAINS
+from fopid_ros.handover import Outcome, Terms
 from fopid_ros.live_experiment import EXCITATIONS, WantedExperiment
 
 
@@ -48,9 +49,13 @@ def autotune_request(goal: Autotune.Goal, defaults: dict[str, Any]) -> AutotuneR
               for name in ("method", "phase_margin", "crossover", "index", "ms_max", "u_max")}  # fmt: skip
     # The process to tune for is what will be learnt; until then any stands for it.
     tuning = tuning_request(Tune.Request(process="P1", **shared), defaults)
+    return AutotuneRequest(WantedExperiment(**chosen), template, terms(tuning, defaults), goal.propose_only)
+
+
+def terms(tuning: TuningRequest, defaults: dict[str, Any]) -> Terms:
+    """What gains for a learnt process must fulfil, by the node's parameters."""
     limits = RobustLimits(defaults["verify.worst_ms_max"], defaults["verify.worst_phase_margin"])
-    return AutotuneRequest(WantedExperiment(**chosen), template=template, tuning=tuning, limits=limits,
-                           least_ticks=defaults["verify.ticks"], propose_only=goal.propose_only)  # fmt: skip
+    return Terms(tuning, limits, defaults["verify.ticks"])
 
 
 def tuning_request(request: Tune.Request, defaults: dict[str, Any]) -> TuningRequest:
@@ -102,7 +107,7 @@ def identified_message(model: IdentifiedModel) -> IdentifiedModelMessage:
     )  # fmt: skip
 
 
-def fill_autotune_result(message: Autotune.Result, outcome: AutotuneOutcome) -> None:
+def fill_autotune_result(message: Autotune.Result, outcome: Outcome) -> None:
     """What an autotuning came to."""
     message.success, message.message = outcome.success, outcome.message
     message.applied, message.rolled_back = outcome.applied, outcome.rolled_back

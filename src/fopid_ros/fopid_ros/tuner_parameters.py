@@ -8,6 +8,8 @@ from fopid_core.design.specification import METHODS, VIA
 from fopid_ros import loop_tap
 from fopid_ros.parameters import Spec
 
+ADAPT = ("off", "propose", "apply")
+"""What may be done when the process has drifted."""
 _ZERO_CHOOSES = "; 0 leaves it to the method"
 
 SPECS = (
@@ -36,5 +38,7 @@ SPECS = (
     Spec("autotune.amplitude", 0.0, "how far it moves the control; 0 finds out", 0.0, 1e9),
     Spec("autotune.deviation_max", 0.0, "distance from setpoint that ends it; 0: a tenth of the setpoint", 0.0, 1e9),
     Spec("autotune.duration", 0.0, "length of the experiment [s]; 0: 20 integral times of the gains", 0.0, 1e9),
+    Spec("adapt", "off", "learn on from normal operation and retune when the process has drifted", choices=ADAPT),
+    Spec("adapt.window", 0.0, "signals that a drift is judged by [s]; 0: 20 integral times of the gains", 0.0, 1e6),
     *loop_tap.SPECS,
 )  # fmt: skip
