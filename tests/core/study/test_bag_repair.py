@@ -112,6 +112,16 @@ def test_a_damaged_chunk_and_all_after_it_are_dropped(original: Path, tmp_path: 
     assert times(path) == list(range(4 * CHUNK))
 
 
+@pytest.mark.parametrize("back", [1, 95, 200])  # from its end
+def test_damage_within_a_bag_is_told_in_one_line(original: Path, tmp_path: Path, back: int) -> None:
+    path = tmp_path / "bag.mcap"
+    ends, data = chunk_ends(original / "bag.mcap"), bytearray((original / "bag.mcap").read_bytes())
+    data[ends[4] - back] ^= 0xFF
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=r"cannot be read: [^\n]+$"), opened(tmp_path) as bag:
+        list(bag.readers[0].messages())
+
+
 def test_reading_a_cut_off_bag_leaves_it_alone(original: Path, tmp_path: Path) -> None:
     broken = (original / "bag.mcap").read_bytes()[:-100]
     (tmp_path / "bag.mcap").write_bytes(broken)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import sqlite3
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -21,13 +22,18 @@ from fopid_core.study import sqlite_repair
 from fopid_core.study.mcap_repair import is_whole, repair_file
 from fopid_core.study.rosbag2 import read_custom_data, read_file_names
 
+if sys.version_info >= (3, 14):  # what rosbags reads chunks with
+    from compression.zstd import ZstdError
+else:
+    from backports.zstd import ZstdError
+
 STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 """File suffix -> storage plugin."""
 
 COMPRESSED = ".zstd"
 _ZSTD = bytes.fromhex("28b52ffd")  # how all that is compressed begins
 
-UNREADABLE = (ReaderError, McapError, sqlite3.Error, zstandard.ZstdError, OSError)
+UNREADABLE = (ReaderError, McapError, sqlite3.Error, ZstdError, zstandard.ZstdError, OSError)
 """What opening or reading a damaged file may raise."""
 
 
