@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import json
+import os
 import shutil
 import subprocess
 import time
@@ -12,9 +13,15 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+WITHOUT_BROWSER = "no Chromium or Chrome on this machine"
+NEEDS_BROWSER = [
+    pytest.mark.browser,
+    pytest.mark.skipif(CHROMIUM is None and "FOPID_NEED_BROWSER" not in os.environ, reason=WITHOUT_BROWSER),
+]
 PATIENCE = 30.0
 OPTIONS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-extensions",
@@ -26,6 +33,7 @@ class Browser:
     """One browser process; its pages share nothing but the process."""
 
     def __init__(self, folder: Path) -> None:
+        assert CHROMIUM, WITHOUT_BROWSER
         self._loop = asyncio.new_event_loop()
         self._process = subprocess.Popen(
             [CHROMIUM, *OPTIONS, f"--user-data-dir={folder}", "about:blank"],

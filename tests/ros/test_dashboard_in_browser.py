@@ -14,14 +14,11 @@ from fopid_core.model.margins import margins
 from fopid_core.model.process import read_process
 from fopid_msgs.msg import FopidState
 
-from .browser import CHROMIUM, Browser, Page
+from .browser import NEEDS_BROWSER, Browser, Page
 from .conftest import Graph
 from .live_page import Dashboard
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium or Chrome on this machine"),
-]
+pytestmark = NEEDS_BROWSER
 
 GAINS = ("kp", "ki", "kd", "lam", "mu")
 START = {"kp": 0.68, "ki": 0.29}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -12,9 +13,10 @@ from pathlib import Path
 import pytest
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+WITHOUT_BROWSER = "no Chromium or Chrome on this machine"
 NEEDS_BROWSER = [
     pytest.mark.browser,
-    pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine"),
+    pytest.mark.skipif(BROWSER is None and "FOPID_NEED_BROWSER" not in os.environ, reason=WITHOUT_BROWSER),
 ]
 
 WATCHER = """<!DOCTYPE html><body style="margin:0">
@@ -53,6 +55,7 @@ frame.addEventListener("load", look);
 
 def open_in_browser(folder: Path, width: int, *more: str, page: str = "report.html") -> tuple[dict, list[str]]:
     """What the page came to, and what the browser's console said."""
+    assert BROWSER, WITHOUT_BROWSER
     (folder / "watcher.html").write_text(WATCHER.format(width=width, page=page))
     command = [
         BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-extensions",
