@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,17 +13,21 @@ import pytest
 import rclpy
 from domain_coordinator import domain_id
 
+from fopid_core.model.process import read_process
 from fopid_core.study.bag import read_bag
 from fopid_core.study.experiment import Experiment, Phase
-from fopid_core.study.loop_parameters import CONTROLLER_KEYS, GAINS, PLANT_KEYS
+from fopid_core.study.loop_parameters import CONTROLLER_KEYS, PLANT_KEYS, SETTING_KEYS
 from fopid_core.study.profiles import Bag, Ramp, Sine, Steps
 from fopid_core.study.run import Signal
 from fopid_core.study.simulate import replayed, simulate_experiment
-from fopid_core.study.tune_call import TuneCall
+from fopid_core.study.tune_call import MS_MAX, TICKS, TuneCall
 from fopid_ros.ahead import Ahead
 from fopid_ros.controller_parameters import SPECS as CONTROLLER_SPECS
-from fopid_ros.experiment_node import ExperimentNode
+from fopid_ros.demo import node_parameters
+from fopid_ros.experiment_node import ExperimentNode, tune_request
 from fopid_ros.plant_simulator import SPECS as PLANT_SPECS
+from fopid_ros.tuner_messages import tuning_request
+from fopid_ros.tuner_parameters import SPECS as TUNER_SPECS
 
 from .conftest import BIN
 
@@ -63,7 +68,8 @@ def run(experiment: Experiment, folder: Path, *more: str) -> subprocess.Complete
 
 
 def test_everything_an_experiment_can_do_equals_the_simulation_and_replays(tmp_path: Path) -> None:
-    ended = run(EVERYTHING, tmp_path, "--no-report")
+    namespace = ("--ros-args", "-r", "__ns:=/loop1", "-r", "/clock:=clock")
+    ended = run(EVERYTHING, tmp_path, "--no-report", *namespace)
     assert ended.returncode == 0, ended.stderr
     recorded = read_bag(tmp_path / "run" / "bag")
     trace = simulate_experiment(EVERYTHING).trace
@@ -90,12 +96,32 @@ def test_a_recorded_setpoint_is_replayed_through_the_nodes_and_only_what_is_aske
     assert once(recorded.signals["measurement"]) == once(read_bag(bag).signals["measurement"])
 
 
+@pytest.mark.parametrize(
+    "call",
+    [
+        TuneCall(), TuneCall("rule", rule="simc-pi"),
+        TuneCall("time", index="iae", ms_max=1.5, u_max=3.0, horizon=20.0),
+        TuneCall("frequency", 50.0, 0.4, t_max_db=-20.0, t_max_frequency=10.0, s_max_db=-15.0, s_max_frequency=0.01,
+                 via="nioptd2"),
+    ],
+)  # fmt: skip
+def test_the_tuners_node_makes_the_same_of_a_call_as_the_simulation(call: TuneCall) -> None:
+    defaults = {spec.name: spec.default for spec in TUNER_SPECS} | {"process": "P1", "sample_time": 0.02}
+    assert tuning_request(tune_request(call), defaults) == call.request(read_process("P1"), 0.02)
+    assert (defaults["verify.ms_max"], defaults["verify.ticks"]) == (MS_MAX, TICKS)
+
+
+def test_in_lockstep_the_tuner_does_not_listen_to_the_loop() -> None:
+    plan = Experiment("P1", (Phase("a", 1.0),))
+    assert node_parameters(plan)["fopid_tuner"]["history"] == 0.0
+    assert "history" not in node_parameters(replace(plan, trigger="realtime"))["fopid_tuner"]
+
+
 def test_a_change_that_a_node_refuses_ends_the_run_and_says_why(tmp_path: Path) -> None:
-    wrong = Phase("wrong", 1.0, controller={"on_stale": "panic"})  # the core knows the name, only the node the words
+    wrong = Phase("wrong", 1.0, gain_factor=1e305)  # beyond what the node takes
     ended = run(Experiment("P1", (Phase("a", 1.0, setpoint=1.0), wrong), gains={"kp": 1.0}), tmp_path)
     assert ended.returncode == 2
-    assert "fopid_controller refused" in ended.stderr
-    assert "panic" in ended.stderr
+    assert "plant_simulator refused a change: gain_factor = 1e+305" in ended.stderr
 
 
 def test_in_real_time_a_ramp_comes_at_its_times(tmp_path: Path) -> None:
@@ -109,14 +135,19 @@ def test_in_real_time_a_ramp_comes_at_its_times(tmp_path: Path) -> None:
     assert set(setpoint.value) <= set(plan.signal("setpoint"))
 
 
-@pytest.mark.parametrize(
-    ("specs", "known"),
-    [(CONTROLLER_SPECS, {*CONTROLLER_KEYS, *GAINS}), (PLANT_SPECS, set(PLANT_KEYS))],
-)
-def test_every_parameter_of_the_nodes_can_be_written_in_an_experiment(specs, known: set[str]) -> None:
-    of_the_experiment = {"process", "sample_time", "trigger", "advance_until", "publish_clock"}
-    travel = {spec.name for spec in specs if spec.name.endswith((".type", ".field"))}
-    assert {spec.name for spec in specs} - of_the_experiment - (travel - known) <= known
+OF_THE_EXPERIMENT = {"process", "sample_time", "trigger", "advance_until", "publish_clock"}
+
+
+@pytest.mark.parametrize(("specs", "known"), [(CONTROLLER_SPECS, SETTING_KEYS), (PLANT_SPECS, PLANT_KEYS)])
+def test_every_parameter_of_the_nodes_that_numbers_depend_on_can_be_written_in_an_experiment(specs, known) -> None:
+    signals = tuple(spec.name.removesuffix("type") for spec in specs if spec.name.endswith(".type"))
+    of_messages = {spec.name for spec in specs if spec.name.startswith(signals)}
+    of_messages |= {"measurement_timeout", "setpoint_timeout", "on_stale", "gains_file"}
+    assert {spec.name for spec in specs} - OF_THE_EXPERIMENT - of_messages == set(known)
+
+
+def test_the_core_knows_every_parameter_of_the_controllers_node() -> None:
+    assert {spec.name for spec in CONTROLLER_SPECS} - OF_THE_EXPERIMENT <= set(CONTROLLER_KEYS)
 
 
 def test_values_that_come_ahead_wait_for_their_sample_and_others_do_not() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from fopid_core.model.stability import stability
 from fopid_core.study.demonstration import demo_experiment
 from fopid_core.study.experiment import parse_experiment, read_experiment
 
+EXPERIMENTS = Path(__file__).parents[3] / "config" / "experiments"
 MINIMAL = {"process": "P1", "phases": [{"name": "step", "duration": 5.0, "setpoint": 1.0}]}
 
 
@@ -51,10 +53,18 @@ def test_demo_starts_from_a_stable_loop_and_reads_back(process: str) -> None:
         ({"phases": [{"name": "a", "duration": -1.0}]}, "duration = -1.0"),
         ({"phases": [{"name": "a", "duration": 1.0, "setpoint": float("inf")}]}, "setpoint = inf"),
         ({"phases": [{"name": "a", "duration": 1.0, "tune": {"method": "frequency", "margin": 1}}]}, "'margin'"),
+        ({"phases": [{"name": "a", "duration": 1.0, "tune": {"t_max_db": -20.0}}]}, "t_max_frequency = 0.0"),
+        ({"phases": [{"name": "a", "duration": 0.004}]}, "phases[0].duration: duration = 0.004; allowed: one sample"),
+        ({"phases": [{"name": "a", "duration": 1e9}]}, "phases of 1e+09 s together"),
+        ({"phases": [{"name": "a", "duration": 1.0, "setpoint": [1.0]}]}, "a number, or one of steps, ramp, sine"),
+        ({"controller": {"setpoint_timeout": 1.0}}, "controller.setpoint_timeout: there is no key"),
+        ({"name": "../outside"}, "name = '../outside'"),
+        ({"name": ""}, "name = ''"),
+        ({"gains": {"kp": 10**400}}, "kp = 1000"),
     ],
 )
 def test_what_cannot_be_run_is_named(change: dict, named: str) -> None:
-    with pytest.raises(InputError, match=named.replace("(", r"\(")):
+    with pytest.raises(InputError, match=re.escape(named)):
         parse_experiment({**MINIMAL, **change})
 
 
@@ -65,3 +75,18 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     broken.write_text("phases: [")
     with pytest.raises(InputError, match=r"broken\.yaml"):
         read_experiment(broken)
+
+
+def test_a_process_file_is_read_so_that_the_experiment_stands_for_itself(tmp_path: Path) -> None:
+    process, file = tmp_path / "p.yaml", tmp_path / "e.yaml"
+    process.write_text("process: 2/(3s+1)*exp(-0.5s)\n")
+    file.write_text(f"process: {process}\nphases:\n- {{name: a, duration: 1}}\n")
+    experiment = read_experiment(file)
+    process.unlink()
+    assert read_process(experiment.process)(1j) == read_process("2/(3s+1)*exp(-0.5s)")(1j)
+    assert parse_experiment(yaml.safe_load(experiment.to_yaml())) == experiment
+
+
+@pytest.mark.parametrize("path", sorted(EXPERIMENTS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_shipped_experiments_can_be_read(path: Path) -> None:
+    assert read_experiment(path).duration > 0.0

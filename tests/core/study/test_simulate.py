@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from rosbags.rosbag2 import StoragePlugin
 
 from fopid_core.cli import main
-from fopid_core.design.tuner import TuningRequest, tune
+from fopid_core.design.tuner import Bound, TuningRequest, tune
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
 from fopid_core.runtime.controller import ControllerSettings, FopidController
@@ -95,6 +95,25 @@ def test_a_tuning_that_finds_nothing_to_apply_is_told_and_changes_nothing() -> N
     assert found.gains[-1].tolist() == [1.0, 0.0, 0.0, 1.0, 1.0]
 
 
+@pytest.mark.parametrize(
+    ("process", "sample_time", "call", "reason", "handed_over"),
+    [
+        ("1/(s(s+1))", 0.01, TuneCall("rule", rule="simc-pi"), "its H2 norm is infinite", 0),
+        ("1/((s+1)(0.1s+1))", 0.2, TuneCall("frequency", phase_margin_deg=60.0, crossover=3.0), "(verify.ticks)", 1),
+    ],
+)
+def test_what_the_tuner_refuses_leaves_the_loop_as_it_is(
+    process: str, sample_time: float, call: TuneCall, reason: str, handed_over: int
+) -> None:
+    """A margin of 60 deg at 3 rad/s is a delay of 0.35 s: less than two ticks of 0.2 s."""
+    phases = (Phase("a", 2.0, setpoint=1.0), Phase("b", 2.0, tune=call))
+    found = simulate_experiment(Experiment(process, phases, sample_time=sample_time, gains={"kp": 0.3}))
+    (line,) = found.not_applied
+    assert reason in line
+    assert len(found.tunings) == handed_over
+    assert found.gains[-1].tolist() == [0.3, 0.0, 0.0, 1.0, 1.0]
+
+
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
     folder = tmp_path / "bag"
@@ -150,7 +169,9 @@ def test_the_verb_needs_something_to_run() -> None:
     assert "FILE is missing" in ended.stderr
 
 
-def test_degrees_become_radians_in_the_tuners_request() -> None:
-    request = TuneCall("frequency", phase_margin_deg=60.0).request(read_process("P1"), 0.01)
+def test_degrees_become_radians_and_a_bound_gets_its_frequency_in_the_tuners_request() -> None:
+    call = TuneCall("frequency", phase_margin_deg=60.0, t_max_db=-20.0, t_max_frequency=10.0)
+    request = call.request(read_process("P1"), 0.01)
     assert request.phase_margin == math.radians(60.0)
+    assert (request.t_max, request.s_max) == (Bound(-20.0, 10.0), None)
     assert (request.crossover, request.index, request.via, request.rule) == (None, "itae", "none", None)

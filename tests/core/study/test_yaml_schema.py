@@ -76,6 +76,13 @@ def test_a_file_becomes_the_dataclass(tmp_path: Path) -> None:
         ("  box:", "  bax:", 4, "shape.bax: there is no key 'bax'; did you mean 'box'?"),
         ("width: 3", "width: -3", 5, "shape.box.width: width = -3.0; allowed: 0 or more"),
         ("width: 3", "width: wide", 5, "width = 'wide'; allowed: a number"),
+        ("width: 3", f"width: 1{400 * '0'}", 5, "allowed: a number"),
+        (
+            "shape:\n  box:\n    width: 3\n    height: 1e-3",
+            "shape: [3]",
+            3,
+            "shape = [3]; allowed: a number, or one of circle, box",
+        ),
         ("width: 3", "width: 3\n    width: 4", 6, "'width' stands there twice"),
         ("    width: 3\n", "", 4, "the key 'width' is missing"),
         ("[2, 3.5]", "[2]", 7, "corners[1]: corners = [2]; allowed: a list of 2"),

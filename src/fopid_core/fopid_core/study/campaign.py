@@ -19,7 +19,7 @@ from fopid_core.model.process import read_process
 from fopid_core.study.loop_parameters import GAIN_KEYS
 from fopid_core.study.tune_call import TuneCall
 from fopid_core.study.varied_loops import MEASURES, VARIED
-from fopid_core.study.yaml_schema import Keys, SchemaError, plain, read_yaml
+from fopid_core.study.yaml_schema import Keys, SchemaError, check_name, plain, read_yaml
 
 MOST_RUNS = 10_000_000
 RUNS_AT_ONCE = 500
@@ -120,7 +120,8 @@ class Design:
         kp, ki, kd, lam, mu, when they are known; otherwise the tuner finds them for the process as it is.
     only : tuple of str
         The processes it is for; all when none is given.
-    method, phase_margin_deg, crossover, index, ms_max, u_max, horizon, via, rule
+    method, phase_margin_deg, crossover, t_max_db, t_max_frequency, s_max_db, s_max_frequency, index, ms_max, u_max, \
+    horizon, via, rule
         As the tuner takes them.
     """
 
@@ -130,6 +131,10 @@ class Design:
     method: str | tuple[str, ...] = ""
     phase_margin_deg: float | tuple[float, ...] = ()
     crossover: float | tuple[float, ...] = ()
+    t_max_db: float | tuple[float, ...] = ()
+    t_max_frequency: float | tuple[float, ...] = ()
+    s_max_db: float | tuple[float, ...] = ()
+    s_max_frequency: float | tuple[float, ...] = ()
     index: str | tuple[str, ...] = ""
     ms_max: float | tuple[float, ...] = ()
     u_max: float | tuple[float, ...] = ()
@@ -213,6 +218,7 @@ class Campaign:
     figure: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        check_name(self.name)
         for number, process in enumerate(self.processes):
             try:
                 read_process(process)

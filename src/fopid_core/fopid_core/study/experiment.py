@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,18 +15,18 @@ import yaml
 
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
-from fopid_core.model.process import read_process
+from fopid_core.model.process import Process, read_process
 from fopid_core.study import profiles
 from fopid_core.study.loop_parameters import (
-    CONTROLLER_KEYS,
     GAIN_KEYS,
     PLANT_KEYS,
+    SETTING_KEYS,
     controller_settings,
     plant_settings,
 )
 from fopid_core.study.profiles import Written
 from fopid_core.study.tune_call import TuneCall
-from fopid_core.study.yaml_schema import Keys, Place, SchemaError, bind, plain, read_yaml
+from fopid_core.study.yaml_schema import Keys, Place, SchemaError, bind, check_name, plain, read_yaml
 
 TRIGGERS = ("lockstep", "realtime")
 MODES = ("auto", "manual")
@@ -53,7 +54,7 @@ class Phase:
     gains : mapping
         Any of kp, ki, kd, lam, mu, new from here on.
     controller : mapping
-        Other parameters of the controller, new from here on.
+        Other parameters of the controller that its numbers depend on, new from here on.
     tune : TuneCall, optional
         A tuning, done and applied before the phase starts.
     """
@@ -64,7 +65,7 @@ class Phase:
     disturbance: Written | None = None
     gain_factor: float | None = None
     gains: Annotated[Mapping[str, float], Keys(GAIN_KEYS)] = field(default_factory=dict)
-    controller: Annotated[Mapping[str, Any], Keys(CONTROLLER_KEYS)] = field(default_factory=dict)
+    controller: Annotated[Mapping[str, Any], Keys(SETTING_KEYS)] = field(default_factory=dict)
     tune: TuneCall | None = None
 
     def __post_init__(self) -> None:
@@ -108,10 +109,11 @@ class Experiment:
     trigger: str = "lockstep"
     gains: Annotated[Mapping[str, float], Keys(GAIN_KEYS)] = field(default_factory=dict)
     plant: Annotated[Mapping[str, Any], Keys(PLANT_KEYS)] = field(default_factory=dict)
-    controller: Annotated[Mapping[str, Any], Keys(CONTROLLER_KEYS)] = field(default_factory=dict)
+    controller: Annotated[Mapping[str, Any], Keys(SETTING_KEYS)] = field(default_factory=dict)
     record: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        check_name(self.name)
         process = read_process(self.process)
         plant_settings(process, self.plant, self.sample_time)
         _check_controller({**self.gains, **self.controller}, self.sample_time)
@@ -123,22 +125,26 @@ class Experiment:
         if not self.phases:
             raise InputError("phases = []; allowed: at least one phase")
         if self.duration / self.sample_time > MAX_SAMPLES:
-            raise InputError(f"duration of {self.duration:g} s; allowed: {MAX_SAMPLES:,} samples at most")
-        self._check_phases()
+            raise InputError(f"phases of {self.duration:g} s together; allowed: {MAX_SAMPLES:,} samples at most")
+        self._check_phases(process)
 
-    def _check_phases(self) -> None:
+    def _check_phases(self, process: Process) -> None:
         parameters = {**self.gains, **self.controller}
-        for number, phase in enumerate(self.phases):
+        for number, (phase, (first, end)) in enumerate(zip(self.phases, pairwise(self.boundaries), strict=True)):
             place: Place = ("phases", number)
+            if first == end:
+                reason = f"duration = {phase.duration}; allowed: one sample_time or more, {self.sample_time} s"
+                raise SchemaError((*place, "duration"), reason)
+            parameters |= phase.changes
             try:
-                if phase.tune is not None:
-                    place = (*place, "tune")
-                    phase.tune.request(read_process(self.process), self.sample_time)
-                    place = place[:2]
-                parameters |= phase.changes
                 _check_controller(parameters, self.sample_time)
             except InputError as error:
                 raise SchemaError(place, str(error)) from None
+            try:
+                if phase.tune is not None:
+                    phase.tune.request(process, self.sample_time)
+            except InputError as error:
+                raise SchemaError((*place, "tune"), str(error)) from None
 
     @property
     def recorded(self) -> tuple[str, ...]:
@@ -168,15 +174,15 @@ class Experiment:
         -------
         ndarray, shape (samples,)
         """
-        boundaries, parts, before = self.boundaries, [], 0.0
-        for phase, first, end in zip(self.phases, boundaries, boundaries[1:], strict=False):
+        parts, before = [], 0.0
+        for phase, (first, end) in zip(self.phases, pairwise(self.boundaries), strict=True):
             profile = profiles.loaded(name, getattr(phase, name), Path())
             parts.append(profiles.values(profile, before, end - first, self.sample_time))
-            before = float(parts[-1][-1]) if parts[-1].size else before
+            before = float(parts[-1][-1])
         return np.concatenate(parts)
 
     def loaded(self, folder: Path) -> Experiment:
-        """The same with its files and bags read, paths relative to ``folder``: it stands for itself."""
+        """The same with its files and bags read, their paths relative to ``folder``: it stands for itself."""
         phases = []
         for number, phase in enumerate(self.phases):
             read: dict[str, Any] = {}
@@ -186,7 +192,9 @@ class Experiment:
                 except InputError as error:
                     raise SchemaError(("phases", number, name), str(error)) from None
             phases.append(replace(phase, **read))
-        return replace(self, phases=tuple(phases))
+        of_a_file = self.process.strip().endswith((".yaml", ".yml"))
+        process = str(read_process(self.process)) if of_a_file else self.process
+        return replace(self, process=process, phases=tuple(phases))
 
     def to_yaml(self) -> str:
         """The text ``read_experiment`` reads back."""

@@ -19,10 +19,10 @@ _SETTINGS = tuple(field.name for field in fields(ControllerSettings) if field.na
 _BAND = {"band.low": float, "band.high": float, "band.poles": int}
 _OF_THE_NODE = {
     "measurement_timeout": float, "setpoint_timeout": float, "on_stale": str, "gains_file": str, "autostart": bool,
-    "tracking.enabled": bool,
+    "tracking.enabled": bool, "setpoint.initial": float,
     **{f"{signal}.{part}": str for signal in SIGNALS for part in ("type", "field")},
 }  # fmt: skip
-"""What the node does with its messages: without messages it has no effect."""
+"""What the node does with its messages and with late ones: without messages it has no effect."""
 
 
 def _hints(kind: type, names: tuple[str, ...]) -> dict[str, Any]:
@@ -31,14 +31,16 @@ def _hints(kind: type, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 GAIN_KEYS: Mapping[str, Any] = dict.fromkeys(GAINS, float)
-CONTROLLER_KEYS: Mapping[str, Any] = {
+SETTING_KEYS: Mapping[str, Any] = {
     **GAIN_KEYS,
     **_hints(ControllerSettings, tuple(name for name in _SETTINGS if name != "sample_time")),
     **_BAND,
     "mode": str,
-    **_OF_THE_NODE,
 }
-"""Parameters of the controller beside its sample time, and their kinds."""
+"""Parameters of the controller that its numbers depend on, beside its sample time, and their kinds."""
+
+CONTROLLER_KEYS: Mapping[str, Any] = {**SETTING_KEYS, **_OF_THE_NODE}
+"""All parameters of the controller beside its sample time, and their kinds."""
 
 PLANT_KEYS: Mapping[str, Any] = _hints(
     PlantSettings, tuple(f.name for f in fields(PlantSettings) if f.name not in ("process", "sample_time"))

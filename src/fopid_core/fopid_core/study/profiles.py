@@ -27,10 +27,10 @@ class Steps(Tagged):
         times = [time for time, _ in self.points]
         if not times or times != sorted(times) or times[0] < 0.0:
             raise InputError(
-                f"points at {_shortened(times)} s; allowed: at least one, from 0 s on, in the order of time"
+                f"steps at {_shortened(times)} s; allowed: at least one, from 0 s on, in the order of time"
             )
         if not all(math.isfinite(number) for point in self.points for number in point):
-            raise InputError("points with a number that is not finite; allowed: finite numbers")
+            raise InputError("steps with a number that is not finite; allowed: finite numbers")
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import numpy as np
 
 from fopid_core.design.specification import Achieved, TuningResult
 from fopid_core.design.tuner import tune
+from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
@@ -25,7 +26,7 @@ from fopid_core.study.experiment import SOURCES, Experiment, Phase
 from fopid_core.study.loop_parameters import GAINS, controller_settings, plant_settings
 from fopid_core.study.profiles import Steps
 from fopid_core.study.run import Run, Signal
-from fopid_core.study.tune_call import refusal
+from fopid_core.study.tune_call import TuneCall, refusal
 
 Report = Callable[[str], object]
 """Called with what is being done."""
@@ -43,6 +44,8 @@ class Simulated:
     gains : ndarray, shape (n, 5)
         kp, ki, kd, lam, mu in force at each sample.
     tunings : tuple of run.Tuning
+    not_applied : tuple of str
+        Why tunings changed nothing, a line each.
     """
 
     experiment: Experiment
@@ -50,11 +53,7 @@ class Simulated:
     disturbance: Floats
     gains: Floats
     tunings: tuple[run.Tuning, ...]
-
-    @property
-    def not_applied(self) -> tuple[str, ...]:
-        """Why tunings changed nothing, a line each."""
-        return tuple(f"tuning by {t.method}: {'; '.join([t.message, *t.unmet])}" for t in self.tunings if not t.applied)
+    not_applied: tuple[str, ...]
 
     def as_run(self, path: Path) -> Run:
         """As if it had been recorded, for tables and reports."""
@@ -96,22 +95,18 @@ def simulate_experiment(experiment: Experiment, report: Report | None = None) ->
     1.0
     """
     loop, tell = _Loop(experiment), report or (lambda _: None)
-    boundaries = experiment.boundaries
-    actions: dict[int, list[Phase]] = {}
-    for phase, first in zip(experiment.phases, boundaries, strict=False):
-        if first < boundaries[-1]:
-            actions.setdefault(first, []).append(phase)
-    setpoint, disturbance = (experiment.signal(name) for name in ("setpoint", "disturbance"))
-
-    def begin(controller: FopidController, plant: Plant, first: int) -> None:
-        for phase in actions[first]:
-            loop.begin(phase, first, controller, plant, tell)
-
+    *starts, samples = experiment.boundaries
+    setpoint, disturbance = (experiment.signal(name) for name in SOURCES)
+    actions = {
+        first: partial(loop.begin, phase, first, tell) for first, phase in zip(starts, experiment.phases, strict=True)
+    }
     trace = simulate(
-        loop.controller, Plant(loop.plant), boundaries[-1], setpoint.tolist().__getitem__,
-        disturbance.tolist().__getitem__, {first: partial(begin, first=first) for first in actions},
+        loop.controller, Plant(loop.plant), samples, setpoint.tolist().__getitem__, disturbance.tolist().__getitem__,
+        actions,
     )  # fmt: skip
-    return Simulated(experiment, trace, disturbance, loop.gains_at(boundaries[-1]), tuple(loop.tunings))
+    return Simulated(
+        experiment, trace, disturbance, loop.gains_at(samples), tuple(loop.tunings), tuple(loop.not_applied)
+    )
 
 
 class _Unattended(FopidController):
@@ -139,25 +134,36 @@ class _Loop:
         self.controller = _Unattended(self._settings())
         self.controller.set_mode(self._parameters.get("mode", "auto"))
         self.tunings: list[run.Tuning] = []
+        self.not_applied: list[str] = []
         self._gains: list[tuple[int, Fopid]] = [(0, self._settings().gains)]
 
     def _settings(self) -> ControllerSettings:
         return controller_settings(self._parameters, self._sample_time)
 
-    def begin(self, phase: Phase, first: int, controller: FopidController, plant: Plant, report: Report) -> None:
+    def begin(self, phase: Phase, first: int, report: Report, controller: FopidController, plant: Plant) -> None:
         """Make a phase's changes, in the order in which the experiment's node makes them."""
         if phase.tune is not None:
             report(f"tuning ({phase.tune.method})")
-            result = tune(phase.tune.request(self._process, self._sample_time))
-            refused = refusal(result)
-            self.tunings.append(_tuning(first * self._sample_time, str(self._process), result, refused))
-            if result.controller is not None and not refused:
-                self._change(dict(zip(GAINS, result.controller.gains, strict=True)), first, controller)
+            self._tune(phase.tune, first, controller)
         report(phase.name)
         if phase.changes:
             self._change(phase.changes, first, controller)
         if phase.gain_factor is not None:
             plant.gain_factor = phase.gain_factor
+
+    def _tune(self, call: TuneCall, first: int, controller: FopidController) -> None:
+        """As the tuner's node: what it cannot tune leaves the loop as it is."""
+        try:
+            result = tune(call.request(self._process, self._sample_time))
+        except InputError as error:
+            self.not_applied.append(f"tuning by {call.method}: {error}")
+            return
+        tuning = _tuning(first * self._sample_time, str(self._process), result, refusal(result, self._sample_time))
+        self.tunings.append(tuning)
+        if tuning.applied and result.controller is not None:
+            self._change(dict(zip(GAINS, result.controller.gains, strict=True)), first, controller)
+        else:
+            self.not_applied.append(f"tuning by {call.method}: {'; '.join([tuning.message, *tuning.unmet])}")
 
     def _change(self, changes: dict[str, Any], first: int, controller: FopidController) -> None:
         mode = self._parameters.get("mode", "auto")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from fopid_core.design.specification import TuningRequest, TuningResult, one_of, require
+from fopid_core.design.specification import Bound, TuningRequest, TuningResult, one_of, require
 from fopid_core.model.process import Process
 
 TIMEOUT = 30.0
@@ -14,14 +14,25 @@ TIMEOUT = 30.0
 MS_MAX = 4.0
 """Gains with a larger max |S| are not applied: ``verify.ms_max`` of the tuner's node."""
 
+TICKS = 2.0
+"""Gains with a delay margin of fewer ticks are not applied: ``verify.ticks`` of the tuner's node."""
+
 
 @dataclass(frozen=True)
 class TuneCall:
-    """What the tuner is asked at the start of a phase; zero or empty leaves it to the tuner."""
+    """What the tuner is asked at the start of a phase; zero or empty leaves it to the tuner.
+
+    The bound of ``t_max_db`` on |T| begins at ``t_max_frequency`` [rad/s], that of ``s_max_db`` on |S| ends at
+    ``s_max_frequency``.
+    """
 
     method: str = "frequency"
     phase_margin_deg: float = 0.0
     crossover: float = 0.0
+    t_max_db: float = 0.0
+    t_max_frequency: float = 0.0
+    s_max_db: float = 0.0
+    s_max_frequency: float = 0.0
     index: str = ""
     ms_max: float = 0.0
     u_max: float = 0.0
@@ -51,6 +62,8 @@ class TuneCall:
             method=self.method,
             phase_margin=math.radians(self.phase_margin_deg) or None,
             crossover=self.crossover or None,
+            t_max=_bound("t_max", self.t_max_db, self.t_max_frequency),
+            s_max=_bound("s_max", self.s_max_db, self.s_max_frequency),
             index=self.index or "itae",
             ms_max=self.ms_max or None,
             u_max=self.u_max or None,
@@ -62,8 +75,24 @@ class TuneCall:
         )
 
 
-def refusal(result: TuningResult, ms_max: float = MS_MAX) -> str:
-    """Why a design is not applied; empty when it may be."""
+def _bound(name: str, db: float, frequency: float) -> Bound | None:
+    require(bool(frequency) or not db, f"{name}_frequency", frequency, f"above 0 rad/s, since {name}_db is given")
+    return Bound(db, frequency) if frequency else None
+
+
+def refusal(result: TuningResult, sample_time: float, ms_max: float = MS_MAX, ticks: float = TICKS) -> str:
+    """Why a design is not applied; empty when it may be.
+
+    Parameters
+    ----------
+    result : TuningResult
+    sample_time : float
+        Tick of the controller [s]. A held control is half a tick late, and its messages up to another.
+    ms_max : float
+        Largest max |S|.
+    ticks : float
+        Least delay margin, in ticks.
+    """
     if result.controller is None or not result.stable:
         return "not applied: no stable design"
     if not result.success:
@@ -71,4 +100,8 @@ def refusal(result: TuningResult, ms_max: float = MS_MAX) -> str:
     if result.achieved is None or result.achieved.ms > ms_max:
         ms = math.nan if result.achieved is None else result.achieved.ms
         return f"not applied: Ms = {ms:.3g} is above verify.ms_max = {ms_max:g}"
+    least = ticks * sample_time
+    if result.achieved.delay_margin < least:
+        too_small = f"delay margin {result.achieved.delay_margin:.3g} s is below {least:.3g} s (verify.ticks)"
+        return f"not applied: {too_small}; the loop may be unstable as it runs"
     return ""

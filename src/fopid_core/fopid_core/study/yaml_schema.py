@@ -92,6 +92,12 @@ def read_yaml(path: Path, kind: type[T], what: str, then: Callable[[T], T] = lam
         raise InputError(f"{what} {str(path)!r} cannot be read: {' '.join(str(error).split())}") from None
 
 
+def check_name(name: str) -> None:
+    """Raise InputError for a name that files cannot be called by."""
+    if not name.strip() or "/" in name or not name.isprintable():
+        raise InputError(f"name = {name!r}; allowed: a text in one line, without '/'")
+
+
 def _content(text: str, lines: dict[Place, int]) -> Any:
     """The plain data of a YAML text; ``lines`` is filled with the line of each place."""
     loader = yaml.SafeLoader(text)
@@ -175,7 +181,7 @@ def _bind_scalar(kind: type, content: Any, place: Place) -> Any:
     if kind is float and isinstance(content, (int, float, str)) and not isinstance(content, bool):
         try:
             return float(content)
-        except ValueError:
+        except (ValueError, OverflowError):
             pass
     elif type(content) is kind:
         return content
@@ -210,15 +216,20 @@ def _bind_union(kinds: tuple[Any, ...], content: Any, place: Place) -> Any:
     others = [kind for kind in kinds if kind is not type(None) and kind not in tagged.values()]
     if len(others) == 2 and isinstance(content, (list, tuple)) != (get_origin(others[0]) is tuple):
         others.reverse()
-    return bind(others[0], content, place)
+    try:
+        return bind(others[0], content, place)
+    except SchemaError as error:
+        if not tagged:
+            raise
+        raise SchemaError(error.place, f"{error.reason}, or one of {', '.join(tagged)}") from None
 
 
 def _bind_dataclass(kind: Any, content: Any, place: Place) -> Any:
     known = {field.name: field for field in fields(kind) if field.init}
     hints = get_type_hints(kind, include_extras=True)
-    if len(known) == 1 and not isinstance(content, dict):  # its one field is the value itself
-        content = dict.fromkeys(known, content)
-        values = {name: bind(hints[name], value, place) for name, value in content.items()}
+    bare = len(known) == 1 and not isinstance(content, dict)  # its one field is the value itself
+    if bare:
+        values = {name: bind(hints[name], content, place) for name in known}
     else:
         values = _bind_keys({name: hints[name] for name in known}, content, place)
     for name, field in known.items():
@@ -228,7 +239,7 @@ def _bind_dataclass(kind: Any, content: Any, place: Place) -> Any:
         return kind(**values)
     except InputError as error:
         inner, reason = (error.place, error.reason) if isinstance(error, SchemaError) else ((), str(error))
-        where = (*inner, *_named(_at(content, inner), reason))
+        where = inner if bare else (*inner, *_named(_at(content, inner), reason))
         raise SchemaError((*place, *where), reason) from None
 
 
