@@ -81,6 +81,33 @@ def test_what_cannot_be_written_leaves_what_was_there(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["gains.yaml"]
 
 
+def test_only_files_are_replaced(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/"), tmp_path):
+        with pytest.raises(OSError, match="not a file"):
+            write_parameter_file(path, "/controller", {"kp": 1.0})
+    assert pipe.is_fifo()
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
+
+
+def test_a_full_disk_leaves_the_old_file(tmp_path: Path) -> None:
+    # A limit on the size of files stands for the disk's.
+    path = tmp_path / "gains.yaml"
+    write_parameter_file(path, "/controller", {"kp": 1.0})
+    old = path.read_text()
+    code = (
+        "import resource, signal, sys; from pathlib import Path\n"
+        "from fopid_ros.parameter_file import write_parameter_file\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN); resource.setrlimit(resource.RLIMIT_FSIZE, (64, 64))\n"
+        "write_parameter_file(Path(sys.argv[1]), '/controller', {f'p{k}': k for k in range(100)})\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=False)
+    assert "OSError: [Errno 27]" in ended.stderr
+    assert path.read_text() == old
+    assert [entry.name for entry in tmp_path.iterdir()] == ["gains.yaml"]
+
+
 WRITER = """
 import sys
 from pathlib import Path

@@ -107,6 +107,9 @@ def test_a_short_float_says_what_it_holds() -> None:
     ("type_name", "field", "told"),
     [
         ("std_msgs/Float64", "data", "x.type = 'std_msgs/Float64'; allowed: package/msg/Name"),
+        ("../msg/Float64", "data", "x.type = '../msg/Float64'; allowed: package/msg/Name"),
+        ("/msg/Float64", "data", "x.type = '/msg/Float64'; allowed: package/msg/Name"),
+        ("std_msgs/msg/Float64MultiArray", "data[99999999999]", "index 99999999999 .*; allowed: 0 to 9999"),
         ("senser_msgs/msg/Temperature", "temperature", "no package 'senser_msgs' .* did you mean 'sensor_msgs'"),
         ("sensor_msgs/msg/Temprature", "temperature", "no message 'Temprature'; did you mean 'Temperature'"),
         ("sensor_msgs/msg/Temperature", "temprature", "no 'temprature'; did you mean 'temperature'"),

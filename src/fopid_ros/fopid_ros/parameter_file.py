@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,7 +29,7 @@ def write_parameter_file(path: Path, node: str, values: Mapping[str, Value]) -> 
     OSError
         If it cannot be written; what was there before is there still.
     """
-    target = path.expanduser().resolve()
+    target = _target(path)
     text = yaml.safe_dump({node: {"ros__parameters": dict(values)}}, sort_keys=False, allow_unicode=True)
     temporary = target.with_name(f".{target.name}.{os.getpid()}")
     try:
@@ -41,6 +42,14 @@ def write_parameter_file(path: Path, node: str, values: Mapping[str, Value]) -> 
         temporary.unlink(missing_ok=True)
         raise
     _sync_folder(target.parent)
+
+
+def _target(path: Path) -> Path:
+    """The file that is replaced; anything else, a device or a folder, must not be."""
+    target = Path(os.path.realpath(os.path.expanduser(path)))  # noqa: PTH111  (Path's own raises for an unknown user)
+    if target.exists() and not target.is_file():
+        raise FileExistsError(errno.EEXIST, "Is a directory or a device, not a file", str(target))
+    return target
 
 
 def _sync_folder(folder: Path) -> None:

@@ -22,6 +22,9 @@ from fopid_ros.parameters import Spec, nearest
 DEFAULT_TYPE = "fopid_msgs/msg/ScalarStamped"
 DEFAULT_FIELD = "value"
 
+LONGEST = 10_000
+"""Of an array whose type sets no bound: one that is written is sent whole at every tick."""
+
 Path = tuple[str | int, ...]
 
 _STEP = re.compile(r"(?P<name>[A-Za-z_]\w*)|\[(?P<index>\d+)\]")
@@ -141,12 +144,12 @@ class SignalType:
 
 def _load(type_name: str, subject: str) -> Any:
     parts = type_name.split("/")
-    if len(parts) != 3 or parts[1] != "msg":
+    if len(parts) != 3 or parts[1] != "msg" or not all(part.isidentifier() for part in parts):
         raise InputError(f"{subject} = {type_name!r}; allowed: package/msg/Name")
     package, _, name = parts
     try:
         module = importlib.import_module(f"{package}.msg")
-    except (ImportError, ValueError):
+    except ImportError:
         known = nearest(package, _packages())
         raise InputError(f"{subject} = {type_name!r}: no package {package!r} of messages is installed{known}") from None
     names = [known for known, kind in vars(module).items() if hasattr(kind, "get_fields_and_field_types")]
@@ -203,9 +206,9 @@ def _element(kind: str, index: int, subject: str) -> str:
     array = _ARRAY.fullmatch(kind)
     if array is None:
         raise InputError(f"{subject}: {kind} is no array; allowed: no [{index}]")
-    length = array["bound"] or array["length"]
-    if length and index >= int(length):
-        raise InputError(f"{subject}: index {index} of {kind}; allowed: 0 to {int(length) - 1}")
+    length = int(array["bound"] or array["length"] or LONGEST)
+    if index >= length:
+        raise InputError(f"{subject}: index {index} of {kind}; allowed: 0 to {length - 1}")
     return array["element"] or array["item"]
 
 

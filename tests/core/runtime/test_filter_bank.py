@@ -41,7 +41,7 @@ def test_every_order_is_met_over_the_whole_band_whatever_its_width(sample_time: 
     every_order_is_met(Band.for_sample_time(sample_time, horizon))
 
 
-@pytest.mark.parametrize("edges", [(1e-7, 0.0), (0.0, 3e3), (1.0, 10.0), (1e-6, 1e4)])
+@pytest.mark.parametrize("edges", [(1e-7, 0.0), (1.0, 10.0)])
 def test_a_band_of_given_edges_has_poles_for_its_own_width(edges: tuple[float, float]) -> None:
     low, high = edges
     band = Band.for_sample_time(0.01, low=low, high=high)
