@@ -213,3 +213,12 @@ def test_parameters_of_rclpy_itself_can_be_set_beside_ours(graph: Graph) -> None
     changes = [Parameter("use_sim_time", value=True), Parameter("kp", value=2.0)]
     assert graph.result(client.set_parameters_atomically(changes)).result.successful
     assert graph.get(NAME, "kp", "use_sim_time") == [2.0, True]
+
+
+def test_a_setpoint_given_as_parameter_holds_until_another_comes(graph: Graph) -> None:
+    loop = LockstepLoop(graph, "P1", {"kp": 2.0, "setpoint.initial": 0.5})
+    loop.advance(0.02)
+    assert loop.controls[0].value == 1.0
+    loop.publish("setpoint", 1.0)
+    loop.advance(0.05)
+    assert loop.controls[-1].value > 1.9

@@ -26,6 +26,7 @@ SPECS = (
     Spec("band.high", 0.0, "upper edge of that band [rad/s]; 0 chooses the Nyquist frequency", 0.0, 1e9),
     Spec("band.poles", 0, "number of lags on that band; 0 chooses", 0, 60),
     Spec("horizon", 0.0, "longest time scale that matters [s]: the band reaches down to it; 0 chooses", 0.0, 1e9),
+    Spec("setpoint.initial", math.inf, "setpoint until one comes; inf waits for one", at_configure=True),
     Spec("setpoint_rate_max", math.inf, "largest change of the setpoint per second; inf for none", 0.0),
     Spec("deadband", 0.0, "errors up to this size count as zero [measurement unit]", 0.0, LARGEST),
     Spec("setpoint_weight", 1.0, "share of the setpoint in the proportional part", 0.0, 1.0),

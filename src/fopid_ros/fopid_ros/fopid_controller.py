@@ -52,7 +52,9 @@ class ControllerNode(ManagedNode):
         self._controller.set_mode(values["mode"])
         self._lockstep = values["trigger"] == "lockstep"
         self._period_ns = round(values["sample_time"] * NS)
-        self._setpoint, self._measurement, self._tracking = Input("setpoint"), Input("measurement"), Input("tracking")
+        initial = values["setpoint.initial"]
+        self._setpoint = Input("setpoint", initial if is_number(initial) else math.nan)
+        self._measurement, self._tracking = Input("measurement"), Input("tracking")
         self._feedforward, self._manual = Input("feedforward", 0.0), Input("manual_control")
         self._inputs = (self._setpoint, self._measurement, self._feedforward, self._manual, self._tracking)
         self._lacking: list[Input] = []
