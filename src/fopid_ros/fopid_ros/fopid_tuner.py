@@ -21,10 +21,11 @@ from rclpy.qos import QoSProfile
 
 from fopid_core.design.identification import IdentifiedModel, identify
 from fopid_core.design.reduction import preferred, reduce, reduce_all
-from fopid_core.design.tuner import TuningRequest, TuningResult, tune
+from fopid_core.design.tuner import TuningRequest, tune
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process, read_process
+from fopid_core.study.tune_call import refusal
 from fopid_msgs.action import Autotune
 from fopid_msgs.msg import ReducedModel
 from fopid_msgs.msg import TuningResult as TuningResultMessage
@@ -131,8 +132,8 @@ class TunerNode(ManagedNode):
         result = tune(wanted)
         applied = Applied(False, "")
         if request.apply:
-            refusal = _refusal(result, values["verify.ms_max"], values["verify.ticks"] * values["sample_time"])
-            applied = Applied(False, refusal) if refusal else self._apply(result.controller)
+            refused = refusal(result, values["sample_time"], values["verify.ms_max"], values["verify.ticks"])
+            applied = Applied(False, refused) if refused else self._apply(result.controller)
         response.success = result.success and (applied.done or not request.apply)
         response.applied = applied.done
         response.message = "; ".join(text for text in (result.message, applied.message) if text)
@@ -301,22 +302,6 @@ class TunerNode(ManagedNode):
         if not known:
             raise InputError("process = ''; allowed: P1 ... P4 or a transfer function in s")
         return read_process(known)
-
-
-def _refusal(result: TuningResult, ms_max: float, delay_margin: float) -> str:
-    """Why a design is not applied; empty when it may be."""
-    if result.controller is None or not result.stable:
-        return "not applied: no stable design"
-    if not result.success:
-        return "not applied: the specification is not met"
-    if result.achieved is None or result.achieved.ms > ms_max:
-        ms = math.nan if result.achieved is None else result.achieved.ms
-        return f"not applied: Ms = {ms:.3g} is above verify.ms_max = {ms_max:g}"
-    if result.achieved.delay_margin < delay_margin:
-        # A held control is half a tick late, and its messages up to another.
-        too_small = f"delay margin {result.achieved.delay_margin:.3g} s is below {delay_margin:.3g} s (verify.ticks)"
-        return f"not applied: {too_small}; the loop may be unstable as it runs"
-    return ""
 
 
 def _executor() -> Executor:
