@@ -14,7 +14,7 @@ import pytest
 from rcl_interfaces.msg import ParameterEvent
 from tornado.httpclient import HTTPClientError
 
-from fopid_msgs.msg import ScalarStamped
+from fopid_msgs.msg import FopidState, ScalarStamped
 
 from .conftest import BIN, Graph, LockstepLoop
 from .live_page import Dashboard, Reader
@@ -295,6 +295,26 @@ def test_other_node_names_and_topics(graph: Graph) -> None:
 
     graph.until(told, "the measurement")
     reader.close()
+
+
+def test_a_record_that_begins_anew_has_no_marks_of_the_one_before(alone: tuple[Graph, Dashboard]) -> None:
+    graph, dashboard = alone
+    publisher = graph.node.create_publisher(FopidState, "fopid_controller/state", 10)
+    graph.until(publisher.get_subscription_count, "the dashboard")
+    reader = Reader(dashboard)
+
+    def tell(second: int, kp: float) -> None:
+        state = FopidState(kp=kp)
+        state.header.stamp.sec = second
+        publisher.publish(state)
+
+    tell(100, 1.0)
+    tell(103, 2.0)
+    reader.until(lambda: reader.status["marks"] == [3.0], "the mark of new gains")
+    tell(10, 2.0)
+    reader.until(lambda: reader.status["marks"] == [], "no marks")
+    reader.close()
+    graph.node.destroy_publisher(publisher)
 
 
 def test_a_setpoint_given_by_hand_is_published(alone: tuple[Graph, Dashboard]) -> None:

@@ -101,6 +101,8 @@ class DashboardNode(Node):
             stamp.sec * 1_000_000_000 + stamp.nanosec,
             (state.setpoint, state.measurement, state.control, state.proportional, state.integral, state.derivative),
         )
+        if instant == 0.0:  # a new record: the marks are of the one before
+            self._marks.clear()
         self._facts = {"saturated": state.saturated, "overruns": state.overruns, "interval": state.sample_interval}
         gains = [state.kp, state.ki, state.kd, state.lam, state.mu]
         if gains != self._gains_in_use:
