@@ -74,14 +74,28 @@ def test_all_chunks_before_the_cut_are_kept(
         assert [m.log_time for _, _, m in make_reader(stream, validate_crcs=True).iter_messages()] == expected
 
 
-def test_the_repaired_bag_says_of_itself_what_the_whole_one_said(original: Path, tmp_path: Path) -> None:
+def test_the_repaired_bag_says_of_itself_what_the_whole_one_said_and_that_it_was_cut_off(
+    original: Path, tmp_path: Path
+) -> None:
     copy = tmp_path / "bag"
     shutil.copytree(original, copy)
     data = (copy / "bag.mcap").read_bytes()
     (copy / "bag.mcap").write_bytes(data[:-30])
     repair(copy)
     before, after = (yaml.safe_load((folder / "metadata.yaml").read_text()) for folder in (original, copy))
+    before["rosbag2_bagfile_information"]["custom_data"]["repaired"] = "the recording was cut off"
     assert after["rosbag2_bagfile_information"] == before["rosbag2_bagfile_information"]
+    with opened(copy) as bag:
+        assert not bag.whole
+
+
+def test_a_whole_bag_that_only_lost_its_metadata_file_is_whole_after_repair(original: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "bag"
+    shutil.copytree(original, copy)
+    (copy / "metadata.yaml").unlink()
+    repair(copy)
+    with opened(copy) as bag:
+        assert bag.whole
 
 
 @pytest.mark.parametrize("compression", [CompressionMode.NONE, CompressionMode.STORAGE])

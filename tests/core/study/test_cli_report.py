@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Reader, StoragePlugin
 
 from fopid_core.cli import main
 from fopid_core.study.bag import read_bag
@@ -102,7 +102,10 @@ def test_repair_gives_a_cut_off_bag_its_index_back(bag: Path, tmp_path: Path) ->
     done = fopid("repair", tmp_path, "--json")
     assert done.exit_code == 0, done.output
     messages = json.loads(done.stdout)["messages"]
+    with Reader(tmp_path) as reader:  # by the index, and by what the bag says of itself
+        counted = {connection.topic: connection.msgcount for connection in reader.connections}
+    assert counted == messages
     run = read_bag(tmp_path)
-    assert run.whole
     assert messages["/measurement"] == run.signals["measurement"].value.size > 0
+    assert "cut off" in run.metadata["repaired"]
     assert fopid("repair", tmp_path / "nowhere").exit_code == 2

@@ -18,8 +18,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, ReaderError
 
 from fopid_core.errors import InputError
-from fopid_core.study import sqlite_repair
-from fopid_core.study.mcap_repair import is_whole, repair_file
+from fopid_core.study import mcap_repair, sqlite_repair
 from fopid_core.study.rosbag2 import read_custom_data, read_file_names
 
 if sys.version_info >= (3, 14):  # what rosbags reads chunks with
@@ -29,6 +28,9 @@ else:
 
 STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 """File suffix -> storage plugin."""
+
+REPAIRED = "repaired"
+"""Entry of the custom data of a bag that was cut off and has been mended."""
 
 COMPRESSED = ".zstd"
 _ZSTD = bytes.fromhex("28b52ffd")  # how all that is compressed begins
@@ -81,7 +83,7 @@ def opened(path: Path) -> Iterator[BagFiles]:
             prepared = [_prepared(file, Path(folder, str(i))) for i, file in enumerate(files)]
             readers = tuple(stack.enter_context(Reader(file)) for file in prepared)
             custom = read_custom_data(path if path.is_dir() else path.parent)
-            yield BagFiles(readers, custom, whole=all(map(_is_whole, files)))
+            yield BagFiles(readers, custom, whole=all(map(is_whole, files)) and REPAIRED not in custom)
         except UNREADABLE as error:
             raise InputError(f"bag {str(path)!r} cannot be read: {' '.join(str(error).split())}") from None
 
@@ -128,15 +130,16 @@ def decompress(file: Path, plain: Path) -> None:
         zstandard.ZstdDecompressor().copy_stream(source, out)
 
 
-def _is_whole(file: Path) -> bool:
+def is_whole(file: Path) -> bool:
+    """Whether a file of a bag was closed in good order."""
     if file.suffix == ".mcap":
-        return is_whole(file)
+        return mcap_repair.is_whole(file)
     return sqlite_repair.is_settled(file)
 
 
 def _prepared(file: Path, folder: Path) -> Path:
     """The file itself, or a copy in ``folder`` that can be read."""
-    if file.suffix != COMPRESSED and _is_whole(file):
+    if file.suffix != COMPRESSED and is_whole(file):
         return file
     folder.mkdir()
     copy = folder / plain_name(file).name
@@ -146,7 +149,7 @@ def _prepared(file: Path, folder: Path) -> Path:
     for part in (file, *sqlite_repair.besides(file)):
         shutil.copy(part, folder)
     if file.suffix == ".mcap":
-        repair_file(copy)
+        mcap_repair.repair_file(copy)
     else:
         sqlite_repair.settle(copy)
     return copy

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,17 @@ from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
 from fopid_core.errors import InputError
-from fopid_core.study.bag_files import COMPRESSED, STORAGES, UNREADABLE, decompress, files_of, is_compressed, plain_name
+from fopid_core.study.bag_files import (
+    COMPRESSED,
+    REPAIRED,
+    STORAGES,
+    UNREADABLE,
+    decompress,
+    files_of,
+    is_compressed,
+    is_whole,
+    plain_name,
+)
 from fopid_core.study.mcap_repair import repair_file
 from fopid_core.study.rosbag2 import (
     Content,
@@ -25,7 +35,7 @@ from fopid_core.study.sqlite_repair import settle
 
 
 def repair(folder: Path) -> Content:
-    """Mend each file of a bag and write ``metadata.yaml`` anew; its custom data is kept.
+    """Mend each file of a bag and write ``metadata.yaml`` anew; its custom data is kept, and says so from then on.
 
     Of an mcap file that was cut off all whole chunks are kept; log and journal of an sqlite3 file are brought in;
     a file that was compressed as a whole is one no more, since the last one, which was being written, is none either.
@@ -56,10 +66,13 @@ def repair(folder: Path) -> Content:
         raise InputError(f"bag {str(folder)!r} is no folder; allowed: a folder with .mcap or .db3 files")
     try:
         files = [_plain(file) for file in files_of(folder)]
+        custom = read_custom_data(folder)
+        if not all(map(is_whole, files)):
+            custom[REPAIRED] = "the recording was cut off"
         kept = [_mend(file) for file in files][-1]
         while True:
             try:
-                return _describe(folder, files)
+                return _describe(folder, files, custom)
             except OSError:
                 if not kept:
                     raise
@@ -87,7 +100,7 @@ def _mend(file: Path) -> int:
     return 0
 
 
-def _describe(folder: Path, files: Sequence[Path]) -> Content:
+def _describe(folder: Path, files: Sequence[Path], custom: Mapping[str, str]) -> Content:
     """Write ``metadata.yaml``."""
     contents, compressed = {}, False
     for file in files:
@@ -95,7 +108,7 @@ def _describe(folder: Path, files: Sequence[Path]) -> Content:
             contents[file.name] = _content(reader)
             compressed |= any(is_compressed(data) for _, (*_, data) in zip(range(1), reader.messages(), strict=False))
     storage = STORAGES[files[0].suffix]
-    write_metadata(folder, information(contents, read_custom_data(folder), storage, compressed=compressed))
+    write_metadata(folder, information(contents, custom, storage, compressed=compressed))
     return joined(list(contents.values()))
 
 
