@@ -8,17 +8,20 @@ from pathlib import Path
 
 import pytest
 import yaml
+from click.testing import CliRunner
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import DescribeParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
+from fopid_core.cli import main
 from fopid_core.runtime.controller import ControllerSettings
 from fopid_core.study.loop_parameters import controller_settings as offline_settings
 from fopid_msgs.msg import ScalarStamped
 from fopid_ros.controller_parameters import SPECS
 from fopid_ros.controller_parameters import controller_settings as node_settings
+from fopid_ros.parameter_file import write_parameter_file
 from fopid_ros.signals import SignalType
 
 from .conftest import Graph, LockstepLoop
@@ -137,6 +140,17 @@ def test_saved_gains_and_everything_else_are_read_by_a_restart(graph: Graph, tmp
     assert graph.get(name, *every) == before
     assert graph.get(name, *changes) == list(changes.values())
     assert graph.get(name, "qos_overrides./hall/control.publisher.depth") == [3]
+
+
+def test_what_the_node_saves_is_what_the_export_reads(tmp_path: Path) -> None:
+    values = {spec.name: spec.default for spec in SPECS} | {"kp": 2.0, "lam": 0.9, "band.poles": 9, "bumpless": False}
+    always = {"use_sim_time": False, "start_type_description_service": True, "autostart": True}
+    overrides = {"qos_overrides./control.publisher.depth": 3}
+    write_parameter_file(tmp_path / "saved.yaml", "/loop/controller", always | values | overrides)
+    arguments = ["export", "--params", str(tmp_path / "saved.yaml"), "--out", str(tmp_path)]
+    result = CliRunner().invoke(main, arguments, catch_exceptions=False)
+    assert result.exit_code == 0, result.stderr
+    assert "kp = 2.0, ki = 0.0, kd = 0.0, lam = 0.9" in (tmp_path / "fopid_controller.h").read_text()
 
 
 def test_gains_that_cannot_be_saved_are_answered_and_the_old_file_stays(graph: Graph, tmp_path: Path) -> None:
