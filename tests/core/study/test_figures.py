@@ -65,6 +65,21 @@ def test_sensitivities_are_one_over_one_plus_l_and_its_complement(figures) -> No
     assert np.allclose(complementary, 20.0 * np.log10(np.abs(exact / (1.0 + exact))), rtol=2e-5, atol=2e-4)
 
 
+def test_the_peaks_are_named_where_they_are_beside_each_other(figures) -> None:
+    w = np.logspace(-2, 2, 400_001)
+    response = SAME_LOOP(1j * w)
+    peaks = {"Ms": np.abs(1.0 / (1.0 + response)), "Mt": np.abs(response / (1.0 + response))}
+    left, right = figures["sensitivity"]["layout"]["annotations"]
+    assert (left["xanchor"], right["xanchor"]) == ("right", "left")
+    assert left["x"] < right["x"]
+    for mark in (left, right):
+        name, value = mark["text"].split(" = ")
+        assert float(value) == pytest.approx(peaks[name].max(), abs=0.005)
+        assert mark["y"] == pytest.approx(20.0 * math.log10(peaks[name].max()), abs=1e-4)
+        # the peak is flat: between two points of the oracle's grid, and where rounding hides the difference
+        assert 10.0 ** mark["x"] == pytest.approx(w[np.argmax(peaks[name])], rel=1e-3)
+
+
 def test_the_nyquist_curve_touches_the_circle_around_minus_one(figures) -> None:
     x, y = curve(figures["nyquist"], "L(jω)")
     circle = figures["nyquist"]["layout"]["shapes"][0]

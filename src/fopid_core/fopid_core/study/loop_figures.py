@@ -96,22 +96,28 @@ def _beside(frequency: float, y: float, text: str, **more: Any) -> Figure:
 def sensitivity_figure(loop: Loop, found: Margins, w: Floats) -> Figure:
     """Magnitude of S and T with their peaks."""
     sensitivity, complementary = _db(loop.sensitivity(1j * w)), _db(loop.complementary_sensitivity(1j * w))
-    peaks = (("Ms", found.ms, found.ms_frequency), ("Mt", found.mt, found.mt_frequency))
     layout = {
         "xaxis": _frequency_axis(),
         "yaxis": {
             "title": {"text": "magnitude [dB]"},
             "range": _range(np.append(sensitivity, complementary), -60.0, 20.0),
         },
-        "annotations": [
-            note(math.log10(frequency), 20.0 * math.log10(value), f"{name} = {value:.2f}", xanchor="center")
-            for name, value, frequency in peaks
-            if w[0] < frequency < w[-1] and value > _PEAKED
-        ],
+        "annotations": _peak_notes(found, w),
         "showlegend": True,
         "legend": legend_above(),
     }
     return {"data": [line(w, sensitivity, "|S|", RED), line(w, complementary, "|T|", BLUE)], "layout": layout}
+
+
+def _peak_notes(found: Margins, w: Floats) -> list[Figure]:
+    """Ms and Mt at their peaks: of two, the one at the lower frequency to the left, the other to the right."""
+    named = sorted([(found.ms_frequency, found.ms, "Ms"), (found.mt_frequency, found.mt, "Mt")])
+    peaks = [peak for peak in named if w[0] < peak[0] < w[-1] and peak[1] > _PEAKED]
+    sides = ("center",) if len(peaks) == 1 else ("right", "left")
+    return [
+        note(math.log10(frequency), 20.0 * math.log10(value), f"{name} = {value:.2f}", xanchor=side, xshift=0)
+        for (frequency, value, name), side in zip(peaks, sides, strict=False)
+    ]
 
 
 def nyquist_figure(loop: Loop, found: Margins, w: Floats) -> Figure:

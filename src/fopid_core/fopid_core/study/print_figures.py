@@ -45,9 +45,7 @@ def save(figure: Figure, out: Path, size: tuple[float, float] = PAGE) -> None:
         Width and height [inch].
     """
     with mpl.rc_context(_LOOK):
-        canvas = Canvas(figsize=size, layout="constrained")
-        _draw(figure, canvas)
-        canvas.savefig(out, dpi=DOTS_PER_INCH, metadata=_undated(out))
+        _write(_drawn(figure, size), out)
 
 
 def save_all(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
@@ -59,10 +57,12 @@ def save_all(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for name, figure in figures.items():
-        for ending in FORMATS:
-            written.append(folder / f"{name}.{ending}")
-            save(figure, written[-1], PAGE if is_wide(figure) else COLUMN)
+    with mpl.rc_context(_LOOK):
+        for name, figure in figures.items():
+            canvas = _drawn(figure, PAGE if is_wide(figure) else COLUMN)
+            for ending in FORMATS:
+                written.append(folder / f"{name}.{ending}")
+                _write(canvas, written[-1])
     return written
 
 
@@ -71,13 +71,17 @@ def is_wide(figure: Figure) -> bool:
     return "hoversubplots" in figure["layout"]
 
 
+def _write(canvas: Canvas, out: Path) -> None:
+    canvas.savefig(out, dpi=DOTS_PER_INCH, metadata=_undated(out))
+
+
 def _undated(out: Path) -> dict[str, Any]:
     """What keeps the date out of the file: the same figure is the same file."""
     return {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(out.suffix, {})
 
 
-def _draw(figure: Figure, canvas: Canvas) -> None:
-    layout = figure["layout"]
+def _drawn(figure: Figure, size: tuple[float, float]) -> Canvas:
+    canvas, layout = Canvas(figsize=size, layout="constrained"), figure["layout"]
     panels = sorted(key for key in layout if key.startswith("yaxis"))
     heights = [high - low for low, high in (layout[key].get("domain", (0.0, 1.0)) for key in panels)]
     rows = canvas.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
@@ -86,6 +90,8 @@ def _draw(figure: Figure, canvas: Canvas) -> None:
         _curve(axes[trace.get("yaxis", "y")], trace)
     for key, one in axes.items():
         _dress(one, layout["xaxis"], layout[key.replace("y", "yaxis")])
+    for one in rows[:-1]:
+        one.tick_params(axis="x", which="both", bottom=False)
     rows[-1].set_xlabel(layout["xaxis"]["title"]["text"])
     for shape in layout.get("shapes", ()):
         _shape(axes, shape)
@@ -94,6 +100,7 @@ def _draw(figure: Figure, canvas: Canvas) -> None:
     canvas.align_ylabels()
     if layout.get("showlegend"):
         _legend(canvas, list(axes.values()))
+    return canvas
 
 
 def _curve(axes: Axes, trace: Figure) -> None:
@@ -146,8 +153,8 @@ def _note(axes: Mapping[str, Axes], text: Figure, *, log: bool) -> None:
     within = "data" if place in axes else "axes fraction"
     one = axes["y"] if place == "paper" else axes[place.split(" ")[0]]
     x, y, vertical = 10.0 ** text["x"] if log else text["x"], text["y"], text.get("yanchor", "middle")
-    if text.get("name") == "retuning":  # on the page in the gap between two panels, here at the top of the first
-        y, vertical = 0.99, "top"
+    if text.get("name") == "retuning":  # in the gap below the first panel, as on the page
+        y, vertical = -0.01, "top"
     one.annotate(
         text["text"], (x, y), xycoords=("data", within), annotation_clip=False,
         xytext=(_POINTS_PER_PIXEL * text.get("xshift", 0), _POINTS_PER_PIXEL * text.get("yshift", 0)),
