@@ -148,6 +148,16 @@ def test_signals_phases_and_retunings_are_drawn_on_one_time_axis() -> None:
     assert [shape["x0"] for shape in figure["layout"]["shapes"] if shape["type"] == "line"] == [4.0]
 
 
+def test_of_retunings_in_quick_succession_the_last_one_is_named_and_all_are_marked() -> None:
+    time = 0.01 * np.arange(1000)
+    gains = {name: np.zeros(1000) for name in ("ki", "kd", "lam", "mu")}
+    state = {"time": time, "kp": 1.0 + np.clip(np.floor((time - 3.9) / 0.1), 0.0, 3.0), **gains}
+    layout = signals_figure(run_with(np.sin(time), state=state))["layout"]
+    marked = [shape["x0"] for shape in layout["shapes"] if shape["type"] == "line"]
+    assert marked == pytest.approx([4.0, 4.1, 4.2], abs=0.011)
+    assert [note["x"] for note in layout["annotations"] if note.get("name") == "retuning"] == marked[-1:]
+
+
 def test_limits_are_drawn_where_the_control_comes_near_them() -> None:
     value = np.sin(np.arange(1000) / 50.0)
     limits = "controller: {control_min: -1.5, control_max: 400.0}"

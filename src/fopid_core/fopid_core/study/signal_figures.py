@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import cycle, pairwise
 
@@ -33,7 +34,7 @@ def signals_figure(run: Run) -> Figure:
     spikes = _leave_out_spikes(run.signals["control"], layout["yaxis2"]) if "control" in run.signals else []
     layout["shapes"] = [*_phase_shades(run), *limit_lines(run), *map(_retuning_line, changes)]
     gap = layout["yaxis"]["domain"][0] - 0.5 * _GAP
-    layout["annotations"] = [*_phase_labels(run), *(_retuning_label(change, gap) for change in changes), *spikes]
+    layout["annotations"] = [*_phase_labels(run), *_retuning_labels(changes, run, gap), *spikes]
     data = [
         _curve(run.signals[name], name, _COLOURS[name], _axis(i), run.end, held=name != "measurement")
         for i, names in enumerate(panels)
@@ -152,7 +153,14 @@ def _retuning_line(change: Retuning) -> Figure:
     return segment((change.time, change.time), (0, 1), RED, yref="paper")
 
 
-def _retuning_label(change: Retuning, height: float) -> Figure:
-    """The method beside the line, in the gap below the first panel."""
+def _retuning_labels(changes: Sequence[Retuning], run: Run, height: float) -> list[Figure]:
+    """The method beside each line, in the gap below the first panel, where there is room before the next."""
     beside = {"yref": "paper", "yanchor": "middle", "xanchor": "left", "xshift": 2, "showarrow": False}
-    return {**beside, "name": "retuning", "text": change.method, "x": change.time, "y": height, "font": {"color": RED}}
+    label = {**beside, "name": "retuning", "y": height, "font": {"color": RED}}
+    ends = [*(change.time for change in changes[1:]), math.inf]
+    a_character = (run.end - run.signals["measurement"].time[0]) / _CHARACTERS
+    return [
+        {**label, "text": change.method, "x": change.time}
+        for change, end in zip(changes, ends, strict=False)
+        if end - change.time > (len(change.method) + 1) * a_character
+    ]
