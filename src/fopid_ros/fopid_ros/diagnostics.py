@@ -118,3 +118,27 @@ def several_publishers(node: Node, topics: Sequence[str]) -> dict[str, list[str]
         if len(names) > 1 and not any("_UNKNOWN_" in name for name in names):
             found[topic] = names
     return found
+
+
+class Rivals:
+    """Watches for topics that more than one node publishes: new ones are logged, once.
+
+    Parameters
+    ----------
+    node : Node
+    topics : sequence of str
+    """
+
+    def __init__(self, node: Node, topics: Sequence[str]) -> None:
+        self._node, self._topics = node, topics
+        self._known: dict[str, list[str]] = {}
+
+    def found(self) -> list[str]:
+        """In words, the topics that are published by several just now."""
+        rivals = several_publishers(self._node, self._topics)
+        told = {topic: f"{topic} is published by {' and '.join(names)}" for topic, names in rivals.items()}
+        for topic, text in told.items():
+            if self._known.get(topic) != rivals[topic]:
+                self._node.get_logger().warning(f"{text}: the newest message counts, whoever sent it")
+        self._known = rivals
+        return list(told.values())

@@ -22,7 +22,7 @@ from fopid_core.runtime.controller import FopidController
 from fopid_msgs.msg import FopidState
 from fopid_ros.ahead import Ahead
 from fopid_ros.controller_parameters import SIGNALS, SPECS, controller_settings, signal_types
-from fopid_ros.diagnostics import Monitor, diagnostic_array, diagnostic_status, several_publishers, worries
+from fopid_ros.diagnostics import Monitor, Rivals, diagnostic_array, diagnostic_status, worries
 from fopid_ros.inputs import Input, is_number
 from fopid_ros.node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run, take_waiting
 from fopid_ros.parameter_file import write_parameter_file
@@ -39,6 +39,8 @@ class ControllerNode(ManagedNode):
 
     _active = False
     _timer: Timer | None = None
+    _last_tick: int | None = None
+    _newest_stamp: int | None = None
 
     def check(self, values: dict[str, Any]) -> None:
         controller_settings(values, signal_types(values)["control"])
@@ -61,11 +63,10 @@ class ControllerNode(ManagedNode):
         self._monitor = Monitor(values["sample_time"], time.monotonic_ns())
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._tick_clock, self._now = self._time_of_ticks()
-        self._last_tick: int | None = None
-        self._newest_stamp: int | None = None
+        self._setpoint.arrived_ns = self._now()
         self._interval = 0.0
         self._control = values["safe_control"]
-        self._rivals: dict[str, list[str]] = {}
+        self._rivals = Rivals(self, SIGNALS)
         self._state = FopidState()
         self._take_settings()
         self._open_topics(types)
@@ -319,7 +320,7 @@ class ControllerNode(ManagedNode):
     def _publish_diagnostics(self) -> None:
         since, rates = self._monitor.window(time.monotonic_ns())
         found = worries(since, ticking=self._active and not self._lockstep)
-        found += [(DiagnosticStatus.WARN, text) for text in self._several_publishers()]
+        found += [(DiagnosticStatus.WARN, text) for text in self._rivals.found()]
         if self._active and self._lacking:
             level = DiagnosticStatus.WARN if self._waiting else DiagnosticStatus.ERROR
             names = " and ".join(one.name for one in self._lacking)
@@ -339,16 +340,6 @@ class ControllerNode(ManagedNode):
             "share of saturated ticks": counts.saturated_ticks / max(1, counts.ticks),
             "last rejected parameter set": self.last_rejected or "none",
         }  # fmt: skip
-
-    def _several_publishers(self) -> list[str]:
-        """Topics that more than one node publishes; new ones are logged."""
-        rivals = several_publishers(self, SIGNALS)
-        told = {topic: f"{topic} is published by {' and '.join(names)}" for topic, names in rivals.items()}
-        for topic, text in told.items():
-            if self._rivals.get(topic) != rivals[topic]:
-                self.get_logger().warning(f"{text}: the newest message counts, whoever sent it")
-        self._rivals = rivals
-        return list(told.values())
 
     # Services.
 
