@@ -82,12 +82,18 @@ def test_the_first_variation_is_the_process_as_it_is_and_a_seed_repeats_the_othe
     )
     table = variations.table()
     assert table[0].tolist() == [1.0, 1.0, 0.0]
-    assert table.shape == (1001, 3)
+    assert table.shape == (variations.count, 3) == (1001, 3)
     assert np.array_equal(table, variations.table())
     assert ((table[1:, 0] >= 0.5) & (table[1:, 0] <= 2.0)).all()
     assert abs(np.log(table[1:, 0]).mean()) < 4.0 * np.log(2.0) / np.sqrt(3.0 * 1000.0)  # 4 standard deviations
     assert sorted(set(table[1:, 1])) == [0.8, 1.2]
     assert abs(table[1:, 2].mean() - 0.15) < 4.0 * 0.3 / np.sqrt(12.0 * 1000.0)
+
+
+def test_too_many_runs_are_refused_before_they_are_drawn() -> None:
+    many = Variations(gain=(1.0,) * 1000, delay=Range(0.0, 1.0), samples=10_000_000)
+    with pytest.raises(InputError, match="10,000,000,001 runs"):
+        Campaign("c", ("P1",), (Design("a", gains={"kp": 1.0}),), many)
 
 
 @settings(derandomize=True, deadline=None, max_examples=60)
@@ -98,7 +104,7 @@ def test_tasks_hold_every_run_once_and_in_order(designs: int, samples: int) -> N
     tasks = list(campaign.tasks())
     runs = [(group, i) for task in tasks for group in task.groups for i in range(task.first, task.end)]
     assert runs == [(group, i) for group in range(designs) for i in range(samples + 1)]
-    assert [task.number for task in tasks] == list(range(len(tasks)))
+    assert len({task.name for task in tasks}) == len(tasks)
     assert max(task.runs for task in tasks) <= max(RUNS_AT_ONCE, 1)
     assert sum(task.runs for task in tasks) == campaign.runs
 

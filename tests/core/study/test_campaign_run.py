@@ -143,11 +143,14 @@ def test_a_second_start_goes_on_where_the_first_was_left(
 
     with pytest.raises(StopError):
         run_campaign(SMALL, out, report=stop)
-    (out.with_name("r.parquet.parts") / "0000002.parquet.unfinished").write_bytes(b"half of a part")
+    parts = out.with_name("r.parquet.parts")
+    (parts / "0000002-0000002-00000000-00000009.parquet.unfinished").write_bytes(b"half of a part")
+    last = max(parts.glob("*.parquet"))
+    last.write_bytes(last.read_bytes()[:-100])
     assert not out.exists()
     standings: list[Standing] = []
-    assert run_campaign(SMALL, out, report=standings.append) == 18
-    assert [standing.done for standing in standings] == [18, 27, 36, 45, 54]
+    assert run_campaign(SMALL, out, report=standings.append) == 9
+    assert [standing.done for standing in standings] == [9, 18, 27, 36, 45, 54]
     assert standings[-1].left == 0.0
     assert read_results(out).equals(results)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Annotated
 
@@ -91,6 +91,12 @@ class Variations:
             if not low <= getattr(self, name) <= MOST_RUNS:
                 raise InputError(f"{name} = {getattr(self, name)}; allowed: {low} to {MOST_RUNS:,}")
 
+    @property
+    def count(self) -> int:
+        """How many, the process as it is among them."""
+        kinds = (getattr(self, name) for name in VARIED)
+        return 1 + self.samples * math.prod(1 if isinstance(kind, Range) else len(kind) for kind in kinds)
+
     def table(self) -> Floats:
         """The variations, one a row of (gain, time_scale, delay): first the process as it is.
 
@@ -173,13 +179,10 @@ class Task:
 
     Attributes
     ----------
-    number : int
-        Of the task; the runs of a later task come later.
     groups : tuple of int
     first, end : int
     """
 
-    number: int
     groups: tuple[int, ...]
     first: int
     end: int
@@ -188,6 +191,11 @@ class Task:
     def runs(self) -> int:
         """How many."""
         return len(self.groups) * (self.end - self.first)
+
+    @property
+    def name(self) -> str:
+        """Says which runs these are."""
+        return f"{self.groups[0]:07}-{self.groups[-1]:07}-{self.first:08}-{self.end:08}"
 
 
 @dataclass(frozen=True)
@@ -264,17 +272,18 @@ class Campaign:
     @property
     def runs(self) -> int:
         """How many."""
-        return len(self.groups) * len(self.variations.table())
+        return len(self.groups) * self.variations.count
 
     def tasks(self) -> Iterator[Task]:
         """The whole work in pieces, in the order of the runs."""
-        count = len(self.variations.table())
+        count = self.variations.count
         together = max(1, min(TUNINGS_AT_ONCE, RUNS_AT_ONCE // count))
-        groups, number = range(len(self.groups)), 0
+        pieces = math.ceil(count / RUNS_AT_ONCE)
+        ends = [count * piece // pieces for piece in range(pieces + 1)]
+        groups = range(len(self.groups))
         for start in groups[::together]:
-            for first in range(0, count, RUNS_AT_ONCE):
-                yield Task(number, tuple(groups[start : start + together]), first, min(first + RUNS_AT_ONCE, count))
-                number += 1
+            for first, end in pairwise(ends):
+                yield Task(tuple(groups[start : start + together]), first, end)
 
     def to_yaml(self) -> str:
         """The text ``read_campaign`` reads back."""

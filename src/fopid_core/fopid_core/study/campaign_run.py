@@ -146,7 +146,15 @@ def _write_whole(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def _part(folder: Path, task: Task) -> Path:
-    return folder / f"{task.number:07}.parquet"
+    return folder / f"{task.name}.parquet"
+
+
+def _is_done(part: Path, task: Task) -> bool:
+    """Whether there is a whole part; one that a failing disk left behind is made anew."""
+    try:
+        return part.exists() and pa.parquet.read_metadata(part).num_rows == task.runs
+    except (OSError, pa.ArrowInvalid):
+        return False
 
 
 def _run_tasks(
@@ -156,7 +164,7 @@ def _run_tasks(
     report: Callable[[Standing], object],
 ) -> int:
     tasks = list(campaign.tasks())
-    left = [task for task in tasks if not _part(folder, task).exists()]
+    left = [task for task in tasks if not _is_done(_part(folder, task), task)]
     total = campaign.runs
     kept = done = total - sum(task.runs for task in left)
     report(Standing(done, total, float("nan")))
