@@ -86,7 +86,13 @@ def test_signals_elsewhere_and_the_process_can_be_named_and_figures_asked_for(tm
         assert (refused.exit_code, len(refused.stderr.strip().splitlines())) == (2, 1), words
 
 
-@pytest.mark.parametrize("words", [(), ("no/such/bag",), (".",), ("BAG", "--namespace", "/nobody")])
+@pytest.mark.parametrize(
+    "words",
+    [
+        (), ("no/such/bag",), (".",), ("BAG", "--namespace", "/nobody"), ("BAG", "--topic", "measurement=/nothing"),
+        ("BAG", "--out", "page.png"),
+    ],
+)  # fmt: skip
 def test_bad_input_ends_with_one_line_and_exit_code_2(bag: Path, tmp_path: Path, words, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     done = fopid("report", *(bag if word == "BAG" else word for word in words))

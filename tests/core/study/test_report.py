@@ -189,6 +189,8 @@ def test_a_place_that_cannot_be_written_is_named(bag: Path, tmp_path: Path) -> N
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match=r"file/report\.html.*cannot be written"):
         write_report([read_bag(bag)], tmp_path / "file" / "report.html")
+    with pytest.raises(InputError, match=r"report '[^']*/file' cannot be written"):
+        write_report([read_bag(bag)], tmp_path / "report.html", figures=tmp_path / "file")
     with pytest.raises(InputError, match="at least one"):
         write_report([], tmp_path / "report.html")
 

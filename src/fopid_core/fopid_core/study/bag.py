@@ -73,10 +73,10 @@ def read_bag(
         known = ", ".join(sorted({c.topic for c in bag.connections})) or "no topics"
     chosen = {f"{signal}.field": field for signal, field in named.values() if field}
     run = _run(path, namespace, found, {**bag.custom, **chosen}, bag.whole)
-    for name in needed:
-        if name not in run.signals:
-            topic = next((topic for topic, (signal, _) in named.items() if signal == name), f"{run.namespace}/{name}")
-            raise InputError(f"bag {str(path)!r} has no messages on {topic}; it has {known}")
+    missing = [topic for topic, (signal, _) in named.items() if signal not in found]
+    missing += [f"{run.namespace}/{name}" for name in needed if name not in run.signals]
+    if missing:
+        raise InputError(f"bag {str(path)!r} has no messages on {missing[0]}; it has {known}")
     return run
 
 

@@ -81,11 +81,13 @@ def write_report(runs: Sequence[Run], out: Path, figures: Path | None = None) ->
     Raises
     ------
     InputError
-        Without runs, or when a file cannot be written.
+        Without runs, when a file cannot be written, and for a page called ``.png``.
     """
     if not runs:
         raise InputError("runs = (); allowed: at least one")
     image = out.with_suffix(".png")
+    if image == out:
+        raise InputError(f"report {str(out)!r}; allowed: another ending, since the picture beside the page gets .png")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         text, drawn = _page(runs)
@@ -94,7 +96,7 @@ def write_report(runs: Sequence[Run], out: Path, figures: Path | None = None) ->
         if figures is not None:
             save_all(drawn, figures)
     except OSError as error:
-        raise InputError(f"report {str(out)!r} cannot be written: {error.strerror}") from None
+        raise InputError(f"report {str(error.filename or out)!r} cannot be written: {error.strerror}") from None
     return out, image
 
 
@@ -168,7 +170,7 @@ def _facts(run: Run) -> str:
     return facts(
         {
             "duration": f"{number(run.end - float(time[0]))} s",
-            "samples": f"{time.size:,}",
+            "samples": f"{np.unique(time).size:,}",
             "sample time": f"{number(run.sample_time)} s",
             "ran in": str(run.experiment.get("trigger", "") or ("simulated time" if run.start == 0 else "real time")),
             "limits of the control": limits_text(run),
