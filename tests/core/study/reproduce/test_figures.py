@@ -87,14 +87,19 @@ def test_figure_2_shows_what_iso_damping_is() -> None:
 def test_after_the_load_output_and_control_settle_where_they_must() -> None:
     loop = printed_tuning("P2").loop
     for sampled in (False, True):
-        time, output, control = setpoint_then_load(loop, LOAD_AT["P2"], sampled)
-        before = np.searchsorted(time, LOAD_AT["P2"]) - 1
-        assert output[[before, -1]] == pytest.approx([1.0, 1.0], abs=0.01)
-        assert control[[before, -1]] == pytest.approx([1.0, 0.0], abs=0.02)  # the load does the controller's work
-        assert output[before:].max() > 1.3
+        run = setpoint_then_load(loop, LOAD_AT["P2"], sampled)
+        before = np.searchsorted(run.time, LOAD_AT["P2"]) - 1
+        assert run.output[[before, -1]] == pytest.approx([1.0, 1.0], abs=0.01)
+        assert run.control[[before, -1]] == pytest.approx([1.0, 0.0], abs=0.02)  # the load does the controller's work
+        assert run.output[before:].max() > 1.3
 
 
 def test_figure_10_says_how_large_the_first_controls_are() -> None:
     found = figure_10()
     assert re.search(r"P1 21 and 2240", found.remark)
     assert all(panel.y_range[1] < 10.0 for panel in found.panels)
+
+
+def test_figure_10_shows_gl_where_its_control_differs_visibly() -> None:
+    hidden = [[curve.name for curve in panel.curves if not curve.in_legend] for panel in figure_10().panels]
+    assert hidden == [["time, GL"], ["frequency, GL", "time, GL"], [], ["frequency, GL", "time, GL"]]

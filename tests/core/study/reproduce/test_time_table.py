@@ -15,6 +15,7 @@ from fopid_core.study.reproduce.time_table import (
     compared_table,
     exact_figures,
     gl_figures,
+    outside,
     rounding_effect,
     time_row,
     tuned_table,
@@ -54,6 +55,10 @@ def test_a_row_that_agrees_and_one_that_does_not_are_told_apart() -> None:
     assert "overshoot" not in good["what it means"]
     assert "overshoot 0.9 % for 9.0 %" in bad["what it means"]
     assert "index +1.03 % (rounding explains 0.17 %)" in bad["what it means"]
+    assert outside(rows) == (
+        "GL misses the index within 2.5 % for none; the overshoot to the digit for P3 ITAE; "
+        "the rise time to the digit for none."
+    )
 
 
 def test_our_tuning_is_better_within_the_printed_controllers_own_bounds() -> None:

@@ -156,12 +156,12 @@ def figures_table(printed: tuple[Pair, ...], ours: tuple[Pair, ...]) -> Table:
         Column("process"), Column("design"),
         *(Column(f"overshoot at gain ×{gain:g}", "%", ".1f") for gain in ISO_GAINS),
         Column("spread", "points", ".1f"), Column("|T| at 10 rad/s", "dB", ".1f"),
-        Column("|S| at 0.01 rad/s", "dB", ".1f"), Column("control after the step", form=".1f"),
+        Column("|S| at 0.01 rad/s", "dB", ".1f"), Column("peak control", form=".1f"),
         Column("IAE of a load step", form=".3f"), Column("Ms", form=".2f"),
     )  # fmt: skip
     note = (
-        "Exact responses. The control is that right after a unit setpoint step, of the controller run at 10 ms (an "
-        f"ideal derivative makes it infinite). IAE: over {HORIZON:g} s, after a unit step of the load. Our time-domain "
+        "Exact responses. Peak control: right after a unit setpoint step, of the controller run at 10 ms (an ideal "
+        f"derivative makes it infinite). IAE: over {HORIZON:g} s, after a unit step of the load. Our time-domain "
         f"designs have Ms ≤ {PRACTICAL_MS:g}; both of ours keep the control within {PRACTICAL_U:g}."
     )
     rows = [

@@ -109,9 +109,11 @@ def interactive(panel: Panel) -> Figure:
     'y'
     """
     data = [_trace(curve) for curve in panel.curves]
-    x_axis: Figure = {"title": {"text": panel.x_label}}
+    x_axis: Figure = {"title": {"text": panel.x_label}, "ticklabeloverflow": "allow"}
     if panel.log_x:
         x_axis |= {"type": "log", "dtick": 1, "exponentformat": "power"}
+    else:
+        x_axis["rangemode"] = "tozero"
     y_axis: Figure = {"title": {"text": panel.y_label}}
     if panel.y_range:
         y_axis["range"] = list(panel.y_range)
@@ -160,6 +162,8 @@ def write_files(figure: PaperFigure, folder: Path) -> tuple[Path, Path]:
     for axes, panel in zip(canvas.subplots(rows, 2, squeeze=False).flat, figure.panels, strict=True):
         entries |= _draw(axes, panel)
     canvas.legend(entries.values(), entries, loc="outside lower center", ncols=8, frameon=False, fontsize=8)
+    canvas.draw_without_rendering()
+    canvas.set_layout_engine("none")  # what it laid out holds for both files
     files = folder / f"{figure.name}.png", folder / f"{figure.name}.svg"
     with mpl.rc_context({"svg.hashsalt": figure.name}):  # the same file every time
         canvas.savefig(files[0], dpi=_DOTS_PER_INCH)
@@ -189,4 +193,6 @@ def _draw(axes: Axes, panel: Panel) -> dict[str, Line2D]:
     axes.grid(visible=True, color="0.9")
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.0)
+    if not panel.log_x:
+        axes.set_xlim(left=0.0)
     return entries

@@ -94,6 +94,13 @@ ERRATA = (
         tables.first_order_differences,
     ),
     Erratum(
+        "double-precision", "Tables 4 and 6",
+        "Indices to four decimals.",
+        "Those that weight late errors hold rounding errors. In steps of h a difference of order α has the factor "
+        "h^−α, up to 10^10 for P3, and so have the last bits of the output.",
+        tables.rounding_errors,
+    ),
+    Erratum(
         "p4-ise", "Table 7, ISE",
         "Overshoot 4.5 %, rise time 0.02 s, J = 0.0101.",
         "The loop is faster than the step it was computed with: what is printed is the response of the difference "
@@ -121,7 +128,8 @@ ERRATA = (
     Erratum(
         "indices-of-other-gains", "Tables 4 to 7",
         "The minima and the gains that have them.",
-        "Some do not belong together: the index is not that of the printed controller.",
+        "Most of those below do not belong together: the index is that of other gains. So have overshoot and rise time "
+        "of P2 IAE.",
         tables.rows_not_reproduced,
     ),
     Erratum(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cache
+
 import numpy as np
 
 from fopid_core.model.arrays import Floats
@@ -21,13 +24,22 @@ _POINTS = 2000  # up to the load
 _KICK = 0.01  # of the window: its first part, whose control may be out of all proportion
 
 
-def setpoint_then_load(loop: Loop, load_at: float, sampled: bool) -> tuple[Floats, Floats, Floats]:
-    """Time, output and control: a unit step of the setpoint at 0 and one of the load at ``load_at`` [s].
+@dataclass(frozen=True)
+class Run:
+    """A step of the setpoint, then one of the load; all arrays have shape (n,), ``time`` is in s."""
+
+    time: Floats
+    output: Floats
+    control: Floats
+
+
+def setpoint_then_load(loop: Loop, load_at: float, sampled: bool) -> Run:
+    """A unit step of the setpoint at 0 and one of the load at ``load_at`` [s], exactly or sampled by GL.
 
     Examples
     --------
-    >>> time, output, _ = setpoint_then_load(printed_tuning("P2").loop, 20.0, sampled=True)
-    >>> float(time[-1]), round(float(output[-1]), 2)
+    >>> run = setpoint_then_load(printed_tuning("P2").loop, 20.0, sampled=True)
+    >>> float(run.time[-1]), round(float(run.output[-1]), 2)
     (40.0, 1.0)
     """
 
@@ -41,7 +53,7 @@ def setpoint_then_load(loop: Loop, load_at: float, sampled: bool) -> tuple[Float
     output, control = setpoint.output.copy(), setpoint.control.copy()
     output[late:] += load.output
     control[late:] += load.control
-    return setpoint.time, output, control
+    return Run(setpoint.time, output, control)
 
 
 def figure_9() -> PaperFigure:
@@ -52,43 +64,62 @@ def figure_9() -> PaperFigure:
 
 
 def _outputs(process: str) -> Panel:
-    curves = []
-    for kind, loop, colour in _designs(process):
-        time, output, _ = setpoint_then_load(loop, LOAD_AT[process], sampled=False)
-        curves.append(Curve(*_thinned(time, output), kind, colour))
-        sampled_time, sampled, _ = setpoint_then_load(loop, LOAD_AT[process], sampled=True)
-        if np.max(np.abs(np.interp(sampled_time, time, output) - sampled)) > VISIBLE:
-            curves.append(Curve(*_thinned(sampled_time, sampled), f"{kind}, GL", colour, "dot", False))
-    return Panel(process, TIME_LABEL, "output", with_legend(tuple(curves)), marks=(_load_mark(process),))
+    curves = tuple(
+        curve
+        for kind, colour, exact, sampled in _runs(process)
+        for curve in _curves(kind, colour, (exact.time, exact.output), (sampled.time, sampled.output), 0.0)
+    )
+    return Panel(process, TIME_LABEL, "output", with_legend(curves), marks=(_load_mark(process),))
 
 
 def figure_10() -> PaperFigure:
     """Control signals of the same."""
-    firsts, panels = [], []
-    for process in PROCESSES:
-        panel, kicks = _controls(process)
-        panels.append(panel)
-        firsts.append(f"{process} {kicks[0]:.0f} and {kicks[1]:.0f}")
-    caption = "Control signals of the same, from GL at 0.01 s"
-    remark = (
-        f"First values, frequency and time, far above the axes: {', '.join(firsts)}. They belong to steps of 0.01 s; "
-        "an ideal derivative makes them infinite."
+    panels = tuple(_controls(process) for process in PROCESSES)
+    firsts = ", ".join(
+        f"{process} {' and '.join(f'{sampled.control[0]:.0f}' for *_, sampled in _runs(process))}"
+        for process in PROCESSES
     )
-    return PaperFigure(10, caption, remark, tuple(panels))
+    remark = (
+        f"First values by GL at 0.01 s, frequency and time, far above the axes: {firsts}. They belong to that step; an "
+        "ideal derivative makes them infinite."
+    )
+    return PaperFigure(10, "Control signals of the same", remark, panels)
 
 
-def _controls(process: str) -> tuple[Panel, list[float]]:
-    curves, kicks, shown = [], [], []
-    for kind, loop, colour in _designs(process):
-        time, _, control = setpoint_then_load(loop, LOAD_AT[process], sampled=True)
-        kicks.append(float(control[0]))
-        later = control[time > _KICK * time[-1]]
+def _controls(process: str) -> Panel:
+    curves: list[Curve] = []
+    shown: list[float] = []
+    begin = _KICK * 2.0 * LOAD_AT[process]
+    for kind, colour, exact, sampled in _runs(process):
+        curves += _curves(kind, colour, (exact.time, exact.control), (sampled.time, sampled.control), begin)
+        later = exact.control[exact.time > begin]
         shown += [float(later.min()), float(later.max())]
-        curves.append(Curve(*_thinned(time, control), kind, colour))
     room = 0.1 * (max(shown) - min(shown))
     y_range = min(shown) - room, max(shown) + room
     marks = (_load_mark(process),)
-    return Panel(process, TIME_LABEL, "control", tuple(curves), y_range=y_range, marks=marks), kicks
+    return Panel(process, TIME_LABEL, "control", with_legend(tuple(curves)), y_range=y_range, marks=marks)
+
+
+@cache
+def _runs(process: str) -> tuple[tuple[str, str, Run, Run], ...]:
+    """Kind, colour, and the exact and the sampled run of both designs."""
+    designs = ("frequency", BLUE, printed_design(process).loop), ("time", RED, printed_tuning(process).loop)
+    at = LOAD_AT[process]
+    return tuple(
+        (kind, colour, setpoint_then_load(loop, at, sampled=False), setpoint_then_load(loop, at, sampled=True))
+        for kind, colour, loop in designs
+    )
+
+
+def _curves(
+    kind: str, colour: str, exact: tuple[Floats, Floats], sampled: tuple[Floats, Floats], begin: float
+) -> tuple[Curve, ...]:
+    """The exact signal, and GL's where one can see the difference after ``begin`` [s]."""
+    curve = Curve(*_thinned(*exact), kind, colour)
+    late = sampled[0] > begin
+    if np.max(np.abs(np.interp(sampled[0][late], *exact) - sampled[1][late])) < VISIBLE:
+        return (curve,)
+    return curve, Curve(*_thinned(*sampled), f"{kind}, GL", colour, "dot", False)
 
 
 def _thinned(time: Floats, signal: Floats) -> tuple[Floats, Floats]:
@@ -96,10 +127,6 @@ def _thinned(time: Floats, signal: Floats) -> tuple[Floats, Floats]:
     change = time.size // 2
     before, after = thinned(time[:change], signal[:change]), thinned(time[change:], signal[change:])
     return np.concatenate((before[0], after[0])), np.concatenate((before[1], after[1]))
-
-
-def _designs(process: str) -> tuple[tuple[str, Loop, str], tuple[str, Loop, str]]:
-    return ("frequency", printed_design(process).loop, BLUE), ("time", printed_tuning(process).loop, RED)
 
 
 def _load_mark(process: str) -> Mark:

@@ -13,7 +13,7 @@ from fopid_core.study.report_parts import equation, facts, plot
 from fopid_core.study.reproduce.drawing import PaperFigure, interactive
 from fopid_core.study.reproduce.errata import ERRATA, WORDING, Erratum
 from fopid_core.study.reproduce.table import Table, minus_signs
-from fopid_core.study.reproduce.time_table import TimeRow
+from fopid_core.study.reproduce.time_table import TimeRow, outside
 
 TITLE = "The paper, computed again"
 
@@ -82,6 +82,7 @@ def _head(found: Reproduction) -> str:
     return f"""<header><h1>{TITLE}</h1>
 <p class="quiet">{escape(_SOURCE)}</p>
 {facts(counts)}
+<p>{escape(outside(rows))} The tables and the errata say by how much, and why where we know.</p>
 <p>“Exact”: with the fractional powers of s as they are, without approximating process or controller. “GL”: the paper's
 way, first-order Grünwald-Letnikov differences in steps of 0.01 s.</p>
 {_bench()}

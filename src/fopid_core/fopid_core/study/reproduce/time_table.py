@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from fopid_core.model.indices import Indices, indices, overshoot_pct, rise_time_
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
 from fopid_core.model.process import read_process
-from fopid_core.model.response import Response, step_response
+from fopid_core.model.response import step_response
 from fopid_core.study.reproduce.facts import HORIZON, PrintedTuning
 from fopid_core.study.reproduce.table import Cell, Column, Table, percent
 
@@ -100,21 +101,29 @@ def index_value(found: Indices, index: str) -> float:
 
 def gl_figures(loop: Loop, index: str) -> StepFigures:
     """As the paper computed them: trapezoid rule, and the first sample at or above the setpoint."""
-    response = gl1_response(loop, HORIZON, PAPER_STEP)
-    above = response.output >= 1.0
-    rise = float(response.time[np.argmax(above)]) if above.any() else float("nan")
-    return _figures(response, index, rise)
+    measured, overshoot, rise = _by_gl(loop)
+    return StepFigures(index_value(measured, index), overshoot, rise)
 
 
 def exact_figures(loop: Loop, index: str, horizon: float = HORIZON) -> StepFigures:
     """Without discretisation."""
+    measured, overshoot, rise = _exactly(loop, horizon)
+    return StepFigures(index_value(measured, index), overshoot, rise)
+
+
+@cache
+def _by_gl(loop: Loop) -> tuple[Indices, float, float]:
+    response = gl1_response(loop, HORIZON, PAPER_STEP)
+    above = response.output >= 1.0
+    rise = float(response.time[np.argmax(above)]) if above.any() else float("nan")
+    return indices(response.time, response.error), overshoot_pct(response.output), rise
+
+
+@cache
+def _exactly(loop: Loop, horizon: float) -> tuple[Indices, float, float]:
     response = step_response(loop, horizon)
-    return _figures(response, index, rise_time_to_100(response.time, response.output))
-
-
-def _figures(response: Response, index: str, rise: float) -> StepFigures:
-    value = index_value(indices(response.time, response.error), index)
-    return StepFigures(value, overshoot_pct(response.output), rise)
+    rise = rise_time_to_100(response.time, response.output)
+    return indices(response.time, response.error), overshoot_pct(response.output), rise
 
 
 def rounding_effect(printed: Fopid, value: Callable[[Fopid], float]) -> float:
@@ -169,7 +178,8 @@ def _gl_remark(row: TimeRow) -> str:
     if not row.overshoot_reproduced:
         parts.append(f"overshoot {gl.overshoot_pct:.1f} % for {printed.overshoot_pct:.1f} %")
     if not row.rise_reproduced:
-        parts.append(f"rise time {gl.rise_time:.2f} s for {printed.rise_time:.2f} s")
+        steps = round(abs(gl.rise_time - printed.rise_time) / PAPER_STEP)
+        parts.append(f"rise time {gl.rise_time:.2f} s for {printed.rise_time:.2f} s ({steps} of its steps)")
     return "GL differs from print: " + ", ".join(parts) if parts else "GL gives what is printed"
 
 
@@ -182,6 +192,20 @@ def _exact_remark(row: TimeRow) -> str:
     if abs(exact.rise_time - printed.rise_time) > 0.05 * printed.rise_time:
         parts.append(f"rise time {exact.rise_time:.3g} s")
     return "Exact: " + ", ".join(parts) if parts else "Exact figures are near"
+
+
+def outside(rows: tuple[TimeRow, ...]) -> str:
+    """Which rows GL does not give as printed."""
+    found = {
+        f"the index within {percent(INDEX_TOLERANCE, 'g')}": [row for row in rows if not row.index_reproduced],
+        "the overshoot to the digit": [row for row in rows if not row.overshoot_reproduced],
+        "the rise time to the digit": [row for row in rows if not row.rise_reproduced],
+    }
+    parts = [
+        f"{what} for {', '.join(f'{row.printed.process} {row.printed.index}' for row in off) or 'none'}"
+        for what, off in found.items()
+    ]
+    return f"GL misses {'; '.join(parts)}."
 
 
 def compared_table(number: int, rows: tuple[TimeRow, ...]) -> Table:
