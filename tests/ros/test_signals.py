@@ -10,7 +10,7 @@ from geometry_msgs.msg import PoseWithCovariance, TransformStamped, Vector3
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_msgs.msg import JointState, Temperature
-from std_msgs.msg import Float32, Float64, Float64MultiArray, Int8, UInt16
+from std_msgs.msg import Float32, Float64, Float64MultiArray, Int8, Int64, UInt16, UInt64
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from fopid_core.errors import InputError
@@ -83,13 +83,15 @@ def test_an_array_that_is_too_short_reads_as_no_number() -> None:
 
 @pytest.mark.parametrize(
     ("type_name", "message", "low", "high"),
-    [("std_msgs/msg/Int8", Int8, -128, 127), ("std_msgs/msg/UInt16", UInt16, 0, 65535)],
-)
+    [("std_msgs/msg/Int8", Int8, -128, 127), ("std_msgs/msg/UInt16", UInt16, 0, 65535),
+     ("std_msgs/msg/Int64", Int64, -(2**63), 2**63 - 1024), ("std_msgs/msg/UInt64", UInt64, 0, 2**64 - 2048)],
+)  # fmt: skip
 def test_a_whole_number_is_rounded_to_and_says_what_it_holds(
     type_name: str, message: type, low: int, high: int
 ) -> None:
     signal = SignalType(type_name, "data")
     assert (signal.low, signal.high) == (low, high)
+    assert type(signal.low) is type(signal.high) is float
     assert signal.writer()(41.6, 0) == message(data=42)
     for end in (low, high):
         assert signal.writer()(float(end), 0) == message(data=end)

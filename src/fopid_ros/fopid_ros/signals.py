@@ -30,11 +30,18 @@ Path = tuple[str | int, ...]
 _STEP = re.compile(r"(?P<name>[A-Za-z_]\w*)|\[(?P<index>\d+)\]")
 _ARRAY = re.compile(r"sequence<(?P<element>[^,]+)(, (?P<bound>\d+))?>|(?P<item>[^\[]+)\[(?P<length>\d+)\]")
 _LARGEST_FLOAT32 = (2.0 - 2.0**-23) * 2.0**127
+
+
+def _below(power: int) -> float:
+    """The largest whole number below 2^power that a float holds."""
+    return 2.0**power - max(1.0, 2.0 ** (power - 53))
+
+
 _RANGES = {
     "double": (-math.inf, math.inf),
     "float": (-_LARGEST_FLOAT32, _LARGEST_FLOAT32),
-    **{f"uint{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
-    **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    **{f"uint{bits}": (0.0, _below(bits)) for bits in (8, 16, 32, 64)},
+    **{f"int{bits}": (-(2.0 ** (bits - 1)), _below(bits - 1)) for bits in (8, 16, 32, 64)},
 }
 """What each kind of number can hold."""
 
