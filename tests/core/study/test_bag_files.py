@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import sqlite3
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
 
@@ -163,6 +168,41 @@ def test_signals_may_be_on_topics_of_other_names_and_types(tmp_path: Path) -> No
         read_bag(tmp_path / "bag", topics={**places, "measurement": "/car/wheels"})
     with pytest.raises(InputError, match="signal 'speed'; allowed: setpoint, disturbance, control, measurement"):
         read_bag(tmp_path / "bag", topics={"speed": "/car/wheels"})
+
+
+@pytest.fixture(scope="module")
+def small_bags(tmp_path_factory: pytest.TempPathFactory) -> dict[StoragePlugin, Path]:
+    folder = tmp_path_factory.mktemp("small")
+    return {storage: record(folder / storage.name, storage, count=20) for storage in StoragePlugin}
+
+
+@settings(derandomize=True, deadline=None, max_examples=40)
+@given(
+    storage=st.sampled_from(StoragePlugin), name=st.sampled_from(["messages", "metadata"]), kept=st.floats(0.5, 1.5),
+    flips=st.lists(st.tuples(st.floats(0.0, 1.0, exclude_max=True), st.integers(0, 7)), max_size=3),
+)  # fmt: skip
+def test_damage_anywhere_is_survived_or_refused(small_bags, storage, name, kept, flips) -> None:
+    with TemporaryDirectory() as folder:
+        bag = Path(shutil.copytree(small_bags[storage], Path(folder, "bag")))
+        file = next(path for path in bag.iterdir() if (path.name == "metadata.yaml") == (name == "metadata"))
+        data = bytearray(file.read_bytes())
+        for place, bit in flips:
+            data[int(place * len(data))] ^= 1 << bit
+        file.write_bytes(data[: int(kept * len(data))])
+        for attempt in (read_bag, repair, read_bag):
+            with suppress(InputError):
+                attempt(bag)
+
+
+@pytest.mark.parametrize("text", ["a text", "[1, 2]", "{1: [2]}"])
+def test_custom_data_of_any_shape_is_no_obstacle(tmp_path: Path, text: str) -> None:
+    bag = record(tmp_path / "bag", count=3)
+    written = (bag / "metadata.yaml").read_text()
+    changed = re.sub(r"custom_data:.*", f"custom_data: {text}", written)
+    assert changed != written
+    (bag / "metadata.yaml").write_text(changed)
+    assert values(bag) == expected(3)
+    assert repair(bag).counts == {"/control": 3, "/measurement": 3}
 
 
 KILLED = """

@@ -104,3 +104,19 @@ def test_wide_text_is_refused_by_name() -> None:
     fields = get_types_from_msg("wstring name\nfloat64 value", "a/msg/Wide")
     with pytest.raises(InputError, match=r"wstring.*wide text"):
         columns([bytes(24)], "a/msg/Wide", fields)
+
+
+@pytest.mark.parametrize("cut", [0, 3, 10, 30])
+def test_a_message_that_is_cut_off_is_refused(cut: int) -> None:
+    message = TYPES.types["fopid_msgs/msg/ScalarStamped"](header(1, "a frame"), 2.0)
+    raw = bytes(TYPES.serialize_cdr(message, "fopid_msgs/msg/ScalarStamped"))
+    with pytest.raises(InputError, match="fopid_msgs/msg/ScalarStamped is damaged: it is shorter than it says"):
+        columns([raw, raw[:cut]], "fopid_msgs/msg/ScalarStamped", TYPES.fielddefs)
+
+
+@pytest.mark.parametrize("text", ["string text", "float64[] numbers"])
+@pytest.mark.parametrize("length", [2, 0xFFFFFFFF])
+def test_a_length_beyond_the_message_is_refused_at_once(text: str, length: int) -> None:
+    raw = bytes.fromhex("00010000") + length.to_bytes(4, "little") + b"a"
+    with pytest.raises(InputError, match="is damaged"):
+        columns([raw], "a/msg/Long", get_types_from_msg(text, "a/msg/Long"))

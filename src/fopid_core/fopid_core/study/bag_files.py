@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import sqlite3
+import struct
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -12,16 +13,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import apsw
 import zstandard
 from mcap.exceptions import McapError
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.typesys import TypesysError
 
 from fopid_core.errors import InputError
 from fopid_core.study import mcap_repair, sqlite_repair
 from fopid_core.study.rosbag2 import read_custom_data, read_file_names
 
-if sys.version_info >= (3, 14):  # what rosbags reads chunks with
+if sys.version_info >= (3, 14):  # what rosbags reads with, as it does with apsw
     from compression.zstd import ZstdError
 else:
     from backports.zstd import ZstdError
@@ -35,7 +38,10 @@ REPAIRED = "repaired"
 COMPRESSED = ".zstd"
 _ZSTD = bytes.fromhex("28b52ffd")  # how all that is compressed begins
 
-UNREADABLE = (ReaderError, McapError, sqlite3.Error, ZstdError, zstandard.ZstdError, OSError)
+UNREADABLE = (
+    ReaderError, TypesysError, McapError, apsw.Error, sqlite3.Error, ZstdError, zstandard.ZstdError, OSError,
+    UnicodeDecodeError, struct.error, LookupError, ArithmeticError, MemoryError,
+)  # fmt: skip
 """What opening or reading a damaged file may raise."""
 
 
@@ -85,7 +91,7 @@ def opened(path: Path) -> Iterator[BagFiles]:
             custom = read_custom_data(path if path.is_dir() else path.parent)
             yield BagFiles(readers, custom, whole=all(map(is_whole, files)) and REPAIRED not in custom)
         except UNREADABLE as error:
-            raise InputError(f"bag {str(path)!r} cannot be read: {' '.join(str(error).split())}") from None
+            raise InputError(f"bag {str(path)!r} cannot be read: {one_line(error)}") from None
 
 
 def files_of(path: Path) -> list[Path]:
@@ -117,6 +123,11 @@ def files_of(path: Path) -> list[Path]:
 def plain_name(file: Path) -> Path:
     """The name without the ending of a compressed file."""
     return file.with_suffix("") if file.suffix == COMPRESSED else file
+
+
+def one_line(error: Exception) -> str:
+    """What an error says, or what it is called when it says nothing."""
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def is_compressed(message: bytes) -> bool:

@@ -19,6 +19,7 @@ from fopid_core.study.bag_files import (
     files_of,
     is_compressed,
     is_whole,
+    one_line,
     plain_name,
 )
 from fopid_core.study.mcap_repair import repair_file
@@ -78,7 +79,7 @@ def repair(folder: Path) -> Content:
                     raise
                 kept = repair_file(files[-1], at_most=kept - 1)
     except _DAMAGED as error:
-        raise InputError(f"bag {str(folder)!r} cannot be repaired: {' '.join(str(error).split())}") from None
+        raise InputError(f"bag {str(folder)!r} cannot be repaired: {one_line(error)}") from None
 
 
 _DAMAGED = tuple(kind for kind in UNREADABLE if kind is not OSError)

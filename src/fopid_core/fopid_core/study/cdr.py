@@ -45,6 +45,11 @@ def columns(messages: Sequence[bytes], type_name: str, fields: Fields) -> dict[s
         Path such as ``header.stamp.sec`` or ``data[2]`` -> array of shape (messages,), in the type's own numbers;
         as floats, with NaN where a message is too short for the path, when lengths differ.
 
+    Raises
+    ------
+    InputError
+        If a type is not known, or a message is shorter than it says.
+
     Examples
     --------
     >>> from rosbags.typesys import Stores, get_typestore
@@ -75,9 +80,10 @@ class _Layout:
     """Where the numbers of a message are, and of all others that hold the same lengths."""
 
     def __init__(self, message: bytes, type_name: str, fields: Fields) -> None:
-        self._message, self._fields = message, fields
+        self._message, self._fields, self._type_name = message, fields, type_name
+        self._at = 0
+        self._take(_ENCAPSULATION)
         self._order = "<" if message[1] & 1 else ">"
-        self._at = _ENCAPSULATION
         self._places: dict[str, tuple[int, str]] = {}
         self._lengths: list[slice] = [slice(0, 2)]
         self._walk("", type_name)
@@ -107,24 +113,34 @@ class _Layout:
         if kind == Nodetype.NAME:
             self._walk(path, detail)
         elif kind == Nodetype.BASE and detail[0] == "string":
-            size = self._length()
-            self._at += size
+            self._take(self._length())
         elif kind == Nodetype.BASE:
             number = _KINDS[detail[0]]
             self._align(int(number[1]))
-            self._places[path] = (self._at, number)
-            self._at += int(number[1])
+            self._places[path] = (self._take(int(number[1])), number)
         else:
             element, count = detail[0], detail[1] if kind == Nodetype.ARRAY else self._length()
             for i in range(count):
                 self._field(f"{path}[{i}]", *element)
 
     def _length(self) -> int:
+        """Of a text or a sequence; no element is smaller than a byte."""
         self._align(4)
-        part = slice(self._at, self._at + 4)
-        self._lengths.append(part)
-        self._at = part.stop
-        return int(struct.unpack(f"{self._order}I", self._message[part])[0])
+        start = self._take(4)
+        self._lengths.append(slice(start, self._at))
+        length = int(struct.unpack_from(f"{self._order}I", self._message, start)[0])
+        self._check(self._at + length)
+        return length
 
     def _align(self, size: int) -> None:
         self._at += -(self._at - _ENCAPSULATION) % size
+
+    def _take(self, size: int) -> int:
+        """Where the next so many bytes are."""
+        start, self._at = self._at, self._at + size
+        self._check(self._at)
+        return start
+
+    def _check(self, end: int) -> None:
+        if end > len(self._message):
+            raise InputError(f"a message of type {self._type_name} is damaged: it is shorter than it says")

@@ -179,17 +179,19 @@ def write_metadata(folder: Path, described: Mapping[str, Any]) -> None:
 
 def read_custom_data(folder: Path) -> dict[str, str]:
     """The custom data in a folder's ``metadata.yaml``; empty without such a file or when it cannot be read."""
-    return dict(_read(folder).get("custom_data") or {})
+    found = _read(folder, "custom_data")
+    return {str(name): str(text) for name, text in found.items()} if isinstance(found, dict) else {}
 
 
 def read_file_names(folder: Path) -> list[str]:
     """The files that a folder's ``metadata.yaml`` names; none without such a file or when it cannot be read."""
-    return [Path(name).name for name in _read(folder).get("relative_file_paths") or []]
+    found = _read(folder, "relative_file_paths")
+    return [Path(str(name)).name for name in found] if isinstance(found, list) else []
 
 
-def _read(folder: Path) -> Mapping[str, Any]:
+def _read(folder: Path, entry: str) -> Any:
     try:
         loaded = yaml.safe_load((folder / METADATA_FILE).read_text(encoding="utf-8"))
-        return dict(loaded["rosbag2_bagfile_information"])
+        return loaded["rosbag2_bagfile_information"][entry]
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
-        return {}
+        return None
