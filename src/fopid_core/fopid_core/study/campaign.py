@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Annotated
@@ -284,6 +284,11 @@ class Campaign:
         for start in groups[::together]:
             for first, end in pairwise(ends):
                 yield Task(tuple(groups[start : start + together]), first, end)
+
+    @property
+    def work(self) -> str:
+        """What is run, as text: all but the figure, which can be drawn anew from the same results."""
+        return replace(self, figure=()).to_yaml()
 
     def to_yaml(self) -> str:
         """The text ``read_campaign`` reads back."""

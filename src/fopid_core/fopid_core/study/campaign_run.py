@@ -111,7 +111,7 @@ def _is_finished(campaign: Campaign, out: Path) -> bool:
     if not out.exists():
         return False
     told = _sidecar(out, "campaign.yaml")
-    if told.exists() and told.read_text(encoding="utf-8") == campaign.to_yaml():
+    if told.exists() and told.read_text(encoding="utf-8") == campaign.work:
         return True
     raise InputError(f"out {str(out)!r} exists and is not the result of this campaign; allowed: another name")
 
@@ -126,7 +126,7 @@ def _claimed(campaign: Campaign, out: Path) -> Iterator[Path]:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(f"out {str(out)!r} is being worked on by another process; allowed: another name") from None
-        told, text = folder / "campaign.yaml", campaign.to_yaml()
+        told, text = folder / "campaign.yaml", campaign.work
         if told.exists() and told.read_text(encoding="utf-8") != text:
             raise InputError(
                 f"{str(folder)!r} holds parts of another campaign, or of this one before its file was changed; "
@@ -231,7 +231,7 @@ def _on_cluster(work: Work, tasks: list[Task], address: str) -> Done:
 def _assemble(campaign: Campaign, folder: Path, out: Path) -> None:
     """All parts in the order of the runs, as one file; the parts are then gone."""
     parts = (pa.parquet.read_table(_part(folder, task)) for task in campaign.tasks())
-    _write_whole(_sidecar(out, "campaign.yaml"), lambda path: path.write_text(campaign.to_yaml(), encoding="utf-8"))
+    _write_whole(_sidecar(out, "campaign.yaml"), lambda path: path.write_text(campaign.work, encoding="utf-8"))
     _write_whole(out, lambda path: _write_tables(parts, path, out.suffix))
     shutil.rmtree(folder)
 

@@ -37,7 +37,7 @@ _W = np.geomspace(1e-4, 1e4, 1601)  # in units of the natural crossover
 _MOST_INTERVALS = 300  # as many as ``stable_mask`` looks at before it gives up on a loop
 _STEPS_PER_RADIAN = 12.0  # of the fastest crossover, in a response
 _FEWEST_STEPS, _MOST_STEPS = 1 << 11, 1 << 15
-_AT_ONCE = 1 << 20  # values in a work array
+_AT_ONCE = 1 << 17  # values in a work array: of 2 MiB, which a core's cache holds
 _SMOOTHED = 4  # first instants at which the control of ``ResponseGrid`` is not to be believed
 
 
