@@ -218,3 +218,13 @@ def test_reading_needs_no_ros(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", program, tmp_path / "bag"], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_text_that_is_damaged_is_told_by_the_type_of_its_message(tmp_path: Path) -> None:
+    record(tmp_path / "bag", StoragePlugin.SQLITE3)
+    with sqlite3.connect(tmp_path / "bag" / "bag.db3") as database:
+        (data,) = database.execute("SELECT data FROM messages WHERE instr(data, x'7374617274696e67')").fetchone()
+        damaged = data.replace(b"starting", b"st\xffrting")
+        database.execute("UPDATE messages SET data = ? WHERE data = ?", (damaged, data))
+    with pytest.raises(InputError, match="fopid_msgs/msg/ExperimentPhase cannot be read"):
+        read_bag(tmp_path / "bag")

@@ -24,7 +24,7 @@ from fopid_core.errors import InputError
 from fopid_core.study import mcap_repair, sqlite_repair
 from fopid_core.study.rosbag2 import read_custom_data, read_file_names
 
-if sys.version_info >= (3, 14):  # what rosbags reads with, as it does with apsw
+if sys.version_info >= (3, 14):  # rosbags reads with it, and with apsw
     from compression.zstd import ZstdError
 else:
     from backports.zstd import ZstdError

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_
 from rosbags.typesys.store import Typestore
 
 from fopid_core.errors import InputError
-from fopid_core.study.bag_files import is_compressed
+from fopid_core.study.bag_files import UNREADABLE, is_compressed, one_line
 from fopid_core.study.cdr import Column, columns
 
 _PARSERS: dict[MessageDefinitionFormat, Callable[[str, str], Any]] = {
@@ -54,8 +54,8 @@ class Recorded:
         """The messages as objects."""
         try:
             return [self.types.deserialize_cdr(data, self.type_name) for data in self.raw]
-        except SerdeError as error:
-            raise InputError(f"a message of type {self.type_name} cannot be read: {error}") from None
+        except (SerdeError, *UNREADABLE) as error:
+            raise InputError(f"a message of type {self.type_name} cannot be read: {one_line(error)}") from None
 
     def on(self, clock: Recorded, foreign: int) -> Recorded:
         """The same on the clock that ``clock`` is stamped with; stamps from ``foreign`` [ns] on are of another one."""
@@ -110,7 +110,7 @@ def _typestore(connections: Sequence[Connection]) -> Typestore:
             try:
                 types.update(parse(c.msgdef.data, c.msgtype))
             except TypesysError as error:
-                raise InputError(f"the bag's definition of {c.msgtype} cannot be read: {error}") from None
+                raise InputError(f"the bag's definition of {c.msgtype} cannot be read: {one_line(error)}") from None
     unknown = sorted({c.msgtype for c in connections} - set(types))
     if unknown:
         raise InputError(
