@@ -111,6 +111,62 @@ def test_a_controller_whose_inverse_is_not_stable_falls_back_to_the_classical_sc
     assert conditioning(stable._operators, stable.settings.gains) is not None
 
 
+@pytest.mark.parametrize("gains", [Fopid(0.0, 0.5), Fopid(0.0, 0.5, 0.0, 0.8), Fopid(0.001, 0.5, 0.0, 1.3)])
+def test_an_integral_alone_leaves_the_limit_as_soon_as_the_error_turns(gains: Fopid) -> None:
+    controller = FopidController(ControllerSettings(gains, H, control_max=1.0))
+    for _ in range(3000):
+        assert controller.step(1.0, 0.0) <= 1.0
+    assert [controller.step(0.0, 0.05) for _ in range(3)][-1] < 1.0
+
+
+@pytest.mark.parametrize("lam", [1.5, 1.7, 1.875, 1.95])
+def test_an_integral_of_any_order_alone_does_not_wind_up(lam: float) -> None:
+    controller = FopidController(ControllerSettings(Fopid(0.0, 1.75, 0.0, lam), 0.02, control_max=1.0))
+    for _ in range(1500):
+        controller.step(1.0, 0.0)
+        assert controller.state.control_unlimited < 1.05
+    assert conditioning(controller._operators, controller.settings.gains) is not None
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("tracking_time", [0.0, 1.0])
+def test_gains_of_the_other_sign_between_the_opposite_limits_give_the_opposite_control(
+    method: str, tracking_time: float
+) -> None:
+    def controller(sign: float, low: float, high: float) -> FopidController:
+        gains = Fopid(sign * 1.5, sign * 0.6, sign * 0.3, 0.8, 0.5)
+        limits = {"control_min": low, "control_max": high, "antiwindup": method, "tracking_time": tracking_time}
+        return FopidController(ControllerSettings(gains, H, **limits))
+
+    direct, reverse = controller(1.0, -0.5, 1.5), controller(-1.0, -1.5, 0.5)
+    for k in range(3500):
+        measured = 0.2 * math.sin(0.01 * k)
+        assert direct.step(saturated(k), measured) == -reverse.step(saturated(k), measured)
+
+
+@pytest.mark.parametrize("lam", [0.7, 1.0])
+def test_the_classical_scheme_does_not_overshoot_however_short_its_tracking_time(lam: float) -> None:
+    settings_ = ControllerSettings(Fopid(1.0, 1.0, 0.0, lam), H, control_max=1.0, tracking_time=1e-6)
+    controller = FopidController(settings_)
+    for _ in range(3000):
+        controller.step(1.5, 0.0)
+        assert 1.0 < controller.state.control_unlimited < 1.6
+
+
+@pytest.mark.parametrize(
+    ("h", "gains", "tracking_time"),
+    [(0.17, Fopid(3.2, 0.0185, 0.744, 1.966), 0.0067), (0.113, Fopid(1.63, 0.29, 0.0, 1.952), 0.00064)],
+)
+def test_near_a_double_integral_the_classical_scheme_does_not_wind_up_either(
+    h: float, gains: Fopid, tracking_time: float
+) -> None:
+    settings_ = ControllerSettings(gains, h, control_min=-1.0, control_max=1.0, tracking_time=tracking_time)
+    controller = FopidController(settings_)
+    for _ in range(3000):
+        controller.step(1.0, 0.0)
+        assert abs(controller.state.control_unlimited) < 10.0
+
+
 orders = st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0, 1.9))
 
 
@@ -158,6 +214,11 @@ def test_the_rate_limit_counts_from_what_the_actuator_did() -> None:
     controller = FopidController(ControllerSettings(Fopid(10.0, 1.0), H, control_rate_max=5.0))
     controller.step(1.0, 0.0)
     assert controller.step(1.0, 0.0, tracking=2.0) == pytest.approx(2.05)
+
+
+def test_at_the_first_tick_there_is_nothing_yet_to_follow() -> None:
+    tracked, plain = (FopidController(ControllerSettings(FRACTIONAL, H)) for _ in range(2))
+    assert tracked.step(1.0, 0.2, tracking=5.0) == plain.step(1.0, 0.2)
 
 
 def test_tracking_what_was_asked_for_changes_nothing() -> None:
