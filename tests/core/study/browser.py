@@ -37,6 +37,9 @@ function look() {{
     width: plot.querySelector(".main-svg").getBoundingClientRect().width,
     place: plot.getBoundingClientRect().width,
   }}));
+  seen.scrolled = Array.from(page.querySelectorAll(".scroll"), (box) => box.scrollWidth - box.clientWidth);
+  seen.spilt = Array.from(page.querySelectorAll(".under div"), (text) =>
+    text.getBoundingClientRect().width - text.closest(".scroll").clientWidth);
   seen.ink = view.getComputedStyle(page.querySelector(".xtitle")).fill;
   seen.phases = Array.from(page.querySelectorAll(".annotation-text"), (text) => text.textContent);
   const first = page.querySelector(".plot");

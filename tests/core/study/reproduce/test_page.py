@@ -67,6 +67,8 @@ class TestInBrowser:
         assert console == []
         assert seen["fetched"] == []
         assert seen["width"] <= width
+        assert max(seen["spilt"]) <= 1.0
+        assert any(seen["scrolled"]) == (width == 400)
         assert len(seen["plots"]) == 10
         for plot in seen["plots"]:
             assert plot["curves"] >= 2
