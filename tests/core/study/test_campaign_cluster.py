@@ -35,9 +35,9 @@ def until(ready: Callable[[], object], what: str) -> None:
 
 
 class Cluster:
-    """A scheduler and two workers, each a process."""
+    """A scheduler and workers, each a process."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, workers: int = 2) -> None:
         self._folder = folder
         self.file = folder / "scheduler.json"
         self._processes = [
@@ -48,7 +48,8 @@ class Cluster:
         until(self.file.exists, "the scheduler")
         self.address = json.loads(self.file.read_text())["address"]
         self.workers = [
-            self._start("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard") for _ in "ab"
+            self._start("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+            for _ in range(workers)
         ]
         self._processes += self.workers
 
@@ -65,14 +66,9 @@ class Cluster:
             return len(client.scheduler_info(n_workers=-1)["workers"])
 
     def close(self) -> None:
-        for process in reversed(self._processes):
-            process.terminate()
         for process in self._processes:
-            try:
-                process.wait(10)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            process.kill()
+            process.wait()
 
 
 @pytest.fixture
@@ -111,3 +107,14 @@ def test_a_scheduler_that_does_not_answer_is_named(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr("fopid_core.study.campaign_run.CONNECT_TIME", 1)
     with pytest.raises(InputError, match=r"scheduler = 'tcp://127\.0\.0\.1:9' does not answer"):
         run_campaign(CAMPAIGN, tmp_path / "r.parquet", scheduler="tcp://127.0.0.1:9")
+
+
+@pytest.mark.slow
+def test_a_scheduler_without_workers_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    alone = Cluster(tmp_path, workers=0)
+    try:
+        monkeypatch.setattr("fopid_core.study.campaign_run.CONNECT_TIME", 2)
+        with pytest.raises(InputError, match="has no workers; start some: dask worker tcp://"):
+            run_campaign(CAMPAIGN, tmp_path / "r.parquet", scheduler=alone.address)
+    finally:
+        alone.close()

@@ -232,7 +232,7 @@ def test_distributed_is_imported_for_a_cluster_only() -> None:
 @pytest.mark.slow
 def test_a_killed_campaign_goes_on_and_its_result_is_that_of_an_undisturbed_one(tmp_path: Path) -> None:
     campaign = Campaign(
-        "big", ("P1",), (SMALL.designs[0],), Variations(delay=Range(0.0, 0.5), samples=3_999), horizon=40.0
+        "big", ("P1",), (SMALL.designs[0],), Variations(delay=Range(0.0, 0.5), samples=2_499), horizon=40.0
     )
     file = tmp_path / "c.yaml"
     file.write_text(campaign.to_yaml())
@@ -245,11 +245,11 @@ def test_a_killed_campaign_goes_on_and_its_result_is_that_of_an_undisturbed_one(
     first.send_signal(signal.SIGKILL)
     first.wait()
     kept = len(list(parts.glob("*.parquet")))
-    assert 2 <= kept < 8
+    assert 2 <= kept < 5
     wait_for_the_end_of_group(first.pid)
     ended = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True)
     assert json.loads(ended.stdout)["done_before"] == 500 * kept
-    run_campaign(campaign, tmp_path / "undisturbed.parquet")
+    run_campaign(campaign, tmp_path / "undisturbed.parquet", workers=2)
     assert read_results(tmp_path / "killed.parquet").equals(read_results(tmp_path / "undisturbed.parquet"))
 
 

@@ -32,7 +32,7 @@ from fopid_core.study.campaign_task import SCHEMA, run_task
 
 SUFFIXES = (".parquet", ".csv")
 CONNECT_TIME = 20
-"""How long a scheduler may take to answer [s]."""
+"""How long a scheduler may take to answer, and to have a worker [s]."""
 
 Work = Callable[[Task], pa.Table]
 Done = Iterator[tuple[Task, pa.Table]]
@@ -217,6 +217,7 @@ def _on_cluster(work: Work, tasks: list[Task], address: str) -> Done:
         reason = " ".join(str(error).split())
         raise InputError(f"scheduler = {address!r} does not answer: {reason}; allowed: host:port") from None
     with client:
+        _require_workers(client, address)
         futures = client.map(work, tasks, pure=False)
         waiting = {future.key: task for future, task in zip(futures, tasks, strict=True)}
         done = distributed.as_completed(futures, with_results=True)
@@ -226,6 +227,13 @@ def _on_cluster(work: Work, tasks: list[Task], address: str) -> Done:
                 yield waiting.pop(future.key), table
         except distributed.KilledWorker as error:
             raise InputError(f"scheduler = {address!r}: one task ended several workers: {error}") from None
+
+
+def _require_workers(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=CONNECT_TIME)
+    except TimeoutError:
+        raise InputError(f"scheduler = {address!r} has no workers; start some: dask worker {address}") from None
 
 
 def _assemble(campaign: Campaign, folder: Path, out: Path) -> None:
