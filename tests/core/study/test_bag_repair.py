@@ -83,7 +83,7 @@ def test_the_repaired_bag_says_of_itself_what_the_whole_one_said_and_that_it_was
     (copy / "bag.mcap").write_bytes(data[:-30])
     repair(copy)
     before, after = (yaml.safe_load((folder / "metadata.yaml").read_text()) for folder in (original, copy))
-    before["rosbag2_bagfile_information"]["custom_data"]["repaired"] = "the recording was cut off"
+    before["rosbag2_bagfile_information"]["custom_data"]["repaired"] = "the recording was cut off or damaged"
     assert after["rosbag2_bagfile_information"] == before["rosbag2_bagfile_information"]
     with opened(copy) as bag:
         assert not bag.whole
@@ -117,13 +117,40 @@ def test_bags_of_other_writers_are_repaired_too(tmp_path: Path, compression: Com
     assert times(tmp_path / "bag") == list(range(50_000))
 
 
-def test_a_damaged_chunk_and_all_after_it_are_dropped(original: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("damaged", [0, 4, 9])
+def test_only_a_damaged_chunk_is_dropped(original: Path, tmp_path: Path, damaged: int) -> None:
     path = tmp_path / "bag.mcap"
     ends, data = chunk_ends(original / "bag.mcap"), bytearray((original / "bag.mcap").read_bytes())
-    data[ends[4] - 20] ^= 0xFF  # within the fifth chunk
+    data[ends[damaged] - 20] ^= 0xFF
     path.write_bytes(data)
     repair(tmp_path)
-    assert times(path) == list(range(4 * CHUNK))
+    kept = [time for time in range(10 * CHUNK) if time // CHUNK != damaged]
+    assert times(path) == kept
+    with path.open("rb") as stream:  # another reader, by the index alone
+        assert [m.log_time for _, _, m in make_reader(stream, validate_crcs=True).iter_messages()] == kept
+    with opened(tmp_path) as bag:
+        assert not bag.whole
+
+
+def test_without_index_and_descriptions_nothing_behind_a_damaged_chunk_can_be_read(
+    original: Path, tmp_path: Path
+) -> None:
+    ends, data = chunk_ends(original / "bag.mcap"), bytearray((original / "bag.mcap").read_bytes())
+    for damaged, kept in ((0, []), (4, [time for time in range(7 * CHUNK) if time // CHUNK != 4])):
+        broken = data.copy()
+        broken[ends[damaged] - 20] ^= 0xFF
+        (tmp_path / "bag.mcap").write_bytes(broken[: ends[6]])
+        repair(tmp_path)
+        assert times(tmp_path / "bag.mcap") == kept
+
+
+@pytest.mark.parametrize("back", [15, 40, 200])
+def test_a_damaged_index_is_made_anew(original: Path, tmp_path: Path, back: int) -> None:
+    data = bytearray((original / "bag.mcap").read_bytes())
+    data[-back - 30 : -back] = bytes(30)
+    (tmp_path / "bag.mcap").write_bytes(data)
+    repair(tmp_path)
+    assert times(tmp_path / "bag.mcap") == list(range(10 * CHUNK))
 
 
 @pytest.mark.parametrize("back", [1, 95, 200])  # from its end

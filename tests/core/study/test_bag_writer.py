@@ -168,7 +168,7 @@ def test_a_full_disk_leaves_a_whole_bag_with_what_was_written(tmp_path: Path, li
     assert times == list(range(int(kept)))
     assert int(kept) > limit // 40  # a message takes 22 to 60 bytes of the file, its index included
     with Reader(tmp_path / "bag") as reader:
-        assert reader.storage.metadata.custom == {"note": "kept", "repaired": "the recording was cut off"}
+        assert reader.storage.metadata.custom == {"note": "kept", "repaired": "the recording was cut off or damaged"}
         assert reader.message_count == int(kept)
 
 

@@ -68,9 +68,10 @@ def repair(folder: Path) -> Content:
     try:
         files = [_plain(file) for file in files_of(folder)]
         custom = read_custom_data(folder)
-        if not all(map(is_whole, files)):
-            custom[REPAIRED] = "the recording was cut off"
-        kept = [_mend(file) for file in files][-1]
+        cut_off, mended = not all(map(is_whole, files)), [_mend(file) for file in files]
+        if cut_off or any(mended):
+            custom[REPAIRED] = "the recording was cut off or damaged"
+        kept = mended[-1]
         while True:
             try:
                 return _describe(folder, files, custom)

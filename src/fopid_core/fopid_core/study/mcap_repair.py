@@ -2,7 +2,7 @@
 
 An mcap file is a row of records: chunks of messages, each followed by its message index, and at the end the
 index of all chunks (https://mcap.dev/spec). Some recorders write messages without chunks. What was cut off in the
-middle is dropped, all whole chunks and messages are kept.
+middle or is damaged is dropped, all whole chunks and messages are kept.
 """
 
 from __future__ import annotations
@@ -42,11 +42,15 @@ _DESCRIBING: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
 
 @dataclass
 class _Chunk:
-    """A whole chunk, or a row of messages without one: where it is in the file and what is in it."""
+    """A whole chunk, or a row of messages without one: where it is in the file and what is in it.
+
+    Of a damaged chunk nothing is known but its place.
+    """
 
     start: int
     end: int
     record: Chunk | None = None
+    damaged: bool = False
     indices: dict[int, MessageIndex] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -76,7 +80,8 @@ def is_whole(mcap_file: Path) -> bool:
 def repair_file(path: Path, at_most: int | None = None) -> int:
     """Cut a file after its last whole chunk, or after ``at_most`` chunks, and write a new index.
 
-    When there is no room left for the index, chunks at the end make room for it. A file without damage is left alone.
+    Damaged chunks before that stay where they are, and out of the index. When there is no room left for the index,
+    chunks at the end make room for it. A file without damage is left alone.
 
     Returns
     -------
@@ -86,15 +91,15 @@ def repair_file(path: Path, at_most: int | None = None) -> int:
     Raises
     ------
     McapError
-        If it is not a cut-off mcap file.
+        If it is no mcap file.
     OSError
         If the disk refuses.
     """
     with path.open("rb") as stream:
-        header_end, chunks, ended = _whole_chunks(path, stream)
-    if ended and at_most is None and is_whole(path):
+        header_end, chunks, sound = _whole_chunks(path, stream)
+    if sound and at_most is None:
         return 0
-    chunks = chunks[:at_most]
+    chunks = _readable(chunks)[:at_most]
     while True:
         try:
             _replace_tail(path, header_end, chunks)
@@ -106,30 +111,54 @@ def repair_file(path: Path, at_most: int | None = None) -> int:
 
 
 def _whole_chunks(path: Path, stream: BinaryIO) -> tuple[int, list[_Chunk], bool]:
-    """The end of the file's header, the chunks up to the first damage, and whether there was none."""
+    """The end of the file's header, the chunks as far as the file can be followed, and whether all of it is sound."""
     chunks: list[_Chunk] = []
-    header_end = 0
+    header_end, ended = 0, False
     try:
         for start, record in _records(stream):
-            end = stream.tell()
-            if isinstance(record, Chunk):
-                chunks.append(_read_chunk(start, end, record))
-            elif isinstance(record, MessageIndex) and chunks:
-                chunks[-1].index_offsets[record.channel_id] = start
-                chunks[-1].index_end = end
-            elif isinstance(record, (Schema, Channel, Message)):
-                if not chunks or chunks[-1].record:
-                    chunks.append(_Chunk(start, end))
-                chunks[-1].take(record, start)
-                chunks[-1].end = end
+            if header_end == 0:
+                header_end = stream.tell()
             elif isinstance(record, DataEnd):
-                return header_end, chunks, True
-            elif header_end == 0:
-                header_end = end
+                ended = True
+            elif ended:
+                _take_from_summary(chunks, record)
+            else:
+                _take(chunks, record, start, stream.tell())
     except _CUT_OFF as error:
         if header_end == 0:
             raise McapError(f"{path.name!r} is no mcap file, or was cut off in its first bytes: {error}") from None
-    return header_end, chunks, False
+        return header_end, chunks, False
+    return header_end, chunks, not any(chunk.damaged for chunk in chunks)
+
+
+def _take(chunks: list[_Chunk], record: McapRecord, start: int, end: int) -> None:
+    if isinstance(record, Chunk):
+        chunks.append(_read_chunk(start, end, record))
+    elif isinstance(record, MessageIndex) and chunks:
+        chunks[-1].index_offsets[record.channel_id] = start
+        chunks[-1].index_end = end
+    elif isinstance(record, (Schema, Channel, Message)):
+        if not chunks or chunks[-1].record or chunks[-1].damaged:
+            chunks.append(_Chunk(start, end))
+        chunks[-1].take(record, start)
+        chunks[-1].end = end
+
+
+def _take_from_summary(chunks: list[_Chunk], record: McapRecord) -> None:
+    """The summary repeats the descriptions that a damaged chunk may have held."""
+    if isinstance(record, (Schema, Channel)):
+        for chunk in chunks:
+            if chunk.damaged:
+                chunk.take(record, 0)
+
+
+def _readable(chunks: list[_Chunk]) -> list[_Chunk]:
+    """Those up to the last whole one; up to the first damaged one when that held descriptions that others need."""
+    known = _channels(chunks)
+    if any(channel not in known for chunk in chunks for channel in chunk.indices):
+        chunks = chunks[: next(i for i, chunk in enumerate(chunks) if chunk.damaged)]
+    last = max((i for i, chunk in enumerate(chunks) if not chunk.damaged), default=-1)
+    return chunks[: last + 1]
 
 
 def _records(stream: BinaryIO) -> Iterator[tuple[int, McapRecord]]:
@@ -141,10 +170,16 @@ def _records(stream: BinaryIO) -> Iterator[tuple[int, McapRecord]]:
 
 
 def _read_chunk(start: int, end: int, record: Chunk) -> _Chunk:
-    chunk = _Chunk(start, end, record)
+    try:
+        return _read_content(_Chunk(start, end, record), record)
+    except _CUT_OFF:
+        return _Chunk(start, end, damaged=True)
+
+
+def _read_content(chunk: _Chunk, record: Chunk) -> _Chunk:
     stream, size = get_chunk_data_stream(record, validate_crc=True)
     if size != record.uncompressed_size:
-        raise McapError(f"chunk at {start} is cut off")
+        raise McapError(f"chunk at {chunk.start} is cut off")
     while (offset := stream.count) < size:
         opcode, length = stream.read1(), stream.read8()
         body = ReadDataStream(BytesIO(stream.read(length)))

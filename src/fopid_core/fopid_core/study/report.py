@@ -182,7 +182,7 @@ def _facts(run: Run) -> str:
 
 def _warnings(run: Run) -> str:
     """What is wrong with the recording."""
-    told = [] if run.whole else ["The recording was cut off; this is what it holds."]
+    told = [] if run.whole else ["The recording was cut off or damaged; this is what it holds."]
     kind = "lost" if run.start == 0 else "late or lost"
     told += [
         f"{name}: {one.missing:,} of {one.expected:,} samples {kind}, the first one at {number(one.first_gap)} s."
