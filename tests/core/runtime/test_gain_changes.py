@@ -124,6 +124,19 @@ def test_new_weights_and_filters_do_not_step_the_control_either(change: dict) ->
         assert abs(step) < (1e-9 if k < 200 else 0.02 if k == 200 else 1.0)
 
 
+def test_new_limits_alone_leave_what_is_remembered_alone() -> None:
+    # At the limit something is still owed to the memory; a hold right after the change shows whether it was touched.
+    config = ControllerSettings(TO_INTEGER[0], sample_time=H, control_min=-1.0, control_max=1.0)
+    changing, unchanged = FopidController(config), FopidController(config)
+    for k in range(200):
+        if k % 50 == 20:
+            changing.reconfigure(ControllerSettings(TO_INTEGER[0], sample_time=H, control_min=-0.5, control_max=2.0))
+            changing.reconfigure(config)
+            assert changing.hold() == pytest.approx(unchanged.hold(), abs=1e-12)
+        signals = (2.0 if k < 120 else -0.3, 1 - math.exp(-0.02 * k))
+        assert changing.step(*signals) == pytest.approx(unchanged.step(*signals), abs=1e-12)
+
+
 orders = st.one_of(st.sampled_from([0.0, 1.0, 2.0]), st.floats(0, 2))
 numbers = st.one_of(st.just(0.0), st.floats(1e-3, 5.0), st.floats(-5.0, -1e-3))
 any_gains = st.builds(Fopid, kp=numbers, ki=numbers, kd=numbers, lam=orders, mu=orders)

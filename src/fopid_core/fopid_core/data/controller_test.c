@@ -20,7 +20,7 @@ ${rows}
 int main(void)
 {
     static ${name}_state loop;
-    const double allowed = (sizeof(${name}_real) < sizeof(double) ? 1e-3 : 1e-9) * ${scale};
+    const double allowed = (sizeof(${name}_real) < sizeof(double) ? 1e-3 : 1e-8) * ${scale};
     const int count = (int)(sizeof ticks / sizeof ticks[0]);
     double worst = 0.0;
     int k;

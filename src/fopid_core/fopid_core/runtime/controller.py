@@ -96,7 +96,7 @@ class FopidController:
         have moved it by; without, it goes to where such a controller would have been.
         """
         state, before = self.state, self._settings
-        if self._conditioned:
+        if self._conditioned and settings.gains != before.gains:
             self._operators.correct(self._owed(state.control - self._remembered))
             self._remembered = state.control
             self._read(*self._operators.read())
