@@ -45,15 +45,17 @@ def test_steps_hold_the_latest_point(points: list[tuple[int, float]], h: float) 
 
 
 def test_a_csv_file_is_read_relative_to_its_folder(tmp_path: Path) -> None:
-    (tmp_path / "load.csv").write_text("time,value,remark\n0,1.5,a\n2.5,-1,b\n")
+    (tmp_path / "load.csv").write_text("\ufefftime, value, remark\n0, 1.5, a\n2.5, -1, b\n", encoding="utf-8")
     assert loaded("setpoint", File("load.csv"), tmp_path) == Steps(((0.0, 1.5), (2.5, -1.0)))
 
 
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        ("t,value\n0,1\n", "columns time and value"), ("time,value\n0,x\n", "numbers"), ("", "at least one"),
-        ("time,value\n1,1\n0,1\n", "order of time"), ("time,value\n0,inf\n", "not finite"), ("time,value\n0\n", "time"),
+        ("t,value\n0,1\n", "columns t, value"), ("time,value\n0,1\n1,x\n", "line 3: time = '1', value = 'x'"),
+        ("", "columns none"), ("time,value\n", "at least one"),
+        ("time,value\n1,1\n0,1\n", "order of time"), ("time,value\n0,inf\n", "not finite"),
+        ("time,value\n0\n", "line 2"),
     ],
 )  # fmt: skip
 def test_a_csv_file_that_cannot_be_used_is_named(tmp_path: Path, text: str, named: str) -> None:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import yaml
 
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
@@ -19,7 +18,7 @@ from fopid_core.model.process import read_process
 from fopid_core.study.loop_parameters import GAIN_KEYS
 from fopid_core.study.tune_call import TuneCall
 from fopid_core.study.varied_loops import MEASURES, VARIED
-from fopid_core.study.yaml_schema import Keys, SchemaError, check_name, plain, read_yaml
+from fopid_core.study.yaml_schema import Keys, SchemaError, check_name, read_yaml, yaml_text
 
 MOST_RUNS = 10_000_000
 RUNS_AT_ONCE = 500
@@ -292,7 +291,7 @@ class Campaign:
 
     def to_yaml(self) -> str:
         """The text ``read_campaign`` reads back."""
-        return yaml.safe_dump(plain(self), sort_keys=False, allow_unicode=True, width=110)
+        return yaml_text(self)
 
 
 def read_campaign(path: Path) -> Campaign:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import yaml
 
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
@@ -26,7 +25,7 @@ from fopid_core.study.loop_parameters import (
 )
 from fopid_core.study.profiles import Written
 from fopid_core.study.tune_call import TuneCall
-from fopid_core.study.yaml_schema import Keys, Place, SchemaError, bind, check_name, plain, read_yaml
+from fopid_core.study.yaml_schema import Keys, Place, SchemaError, bind, check_name, read_yaml, yaml_text
 
 TRIGGERS = ("lockstep", "realtime")
 MODES = ("auto", "manual")
@@ -198,7 +197,7 @@ class Experiment:
 
     def to_yaml(self) -> str:
         """The text ``read_experiment`` reads back."""
-        return yaml.safe_dump(plain(self), sort_keys=False, allow_unicode=True, width=110)
+        return yaml_text(self)
 
 
 def _check_controller(parameters: Mapping[str, Any], sample_time: float) -> None:

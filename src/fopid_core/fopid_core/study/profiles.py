@@ -115,14 +115,27 @@ def loaded(name: str, profile: Written | None, folder: Path) -> Profile | None:
 
 def _read_csv(path: Path) -> Steps:
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
-        return Steps(tuple((float(row["time"]), float(row["value"])) for row in rows))
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return Steps(_points(csv.DictReader(file, skipinitialspace=True)))
     except OSError as error:
         raise InputError(f"file {str(path)!r} cannot be read: {error.strerror}") from None
-    except (KeyError, TypeError, UnicodeDecodeError, ValueError) as error:
-        reason = f"; {error}" if isinstance(error, InputError) else ""
-        raise InputError(f"file {str(path)!r}{reason}; allowed: csv, columns time and value, numbers") from None
+    except (InputError, UnicodeDecodeError, csv.Error) as error:
+        reason = f"{error}; allowed: csv in UTF-8" if not isinstance(error, InputError) else str(error)
+        raise InputError(f"file {str(path)!r}: {reason}") from None
+
+
+def _points(reader: csv.DictReader[str]) -> tuple[tuple[float, float], ...]:
+    names = reader.fieldnames or ()
+    if not {"time", "value"} <= set(names):
+        raise InputError(f"columns {', '.join(names) or 'none'}; allowed: time and value, and others beside them")
+    points = []
+    for row in reader:
+        try:
+            points.append((float(row["time"]), float(row["value"])))
+        except (TypeError, ValueError):
+            given = f"time = {row['time']!r}, value = {row['value']!r}"
+            raise InputError(f"line {reader.line_num}: {given}; allowed: numbers") from None
+    return tuple(points)
 
 
 def _read_bag(name: str, path: Path) -> Steps:

@@ -22,6 +22,9 @@ Place = tuple[str | int, ...]
 
 T = TypeVar("T")
 
+# Written in C, where PyYAML has them: a recorded signal may have 100,000 points.
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 _MERGE = "tag:yaml.org,2002:merge"
 _WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
@@ -100,7 +103,7 @@ def check_name(name: str) -> None:
 
 def _content(text: str, lines: dict[Place, int]) -> Any:
     """The plain data of a YAML text; ``lines`` is filled with the line of each place."""
-    loader = yaml.SafeLoader(text)
+    loader = _Loader(text)
     try:
         node = loader.get_single_node()
         lines[()] = 1
@@ -299,3 +302,9 @@ def plain(value: Any) -> Any:
         kept = {key: plain(item) for key, item in value.items()}
         return {key: item for key, item in kept.items() if item is not None and item not in ("", {}, [])}
     return [plain(item) for item in value] if isinstance(value, (list, tuple)) else value
+
+
+def yaml_text(value: Any) -> str:
+    """The text of a file from which ``read_yaml`` makes the same dataclass."""
+    text: str = yaml.dump(plain(value), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
+    return text
