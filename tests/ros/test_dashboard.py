@@ -300,15 +300,20 @@ def test_other_node_names_and_topics(graph: Graph) -> None:
 def test_a_record_that_begins_anew_has_no_marks_of_the_one_before(alone: tuple[Graph, Dashboard]) -> None:
     graph, dashboard = alone
     publisher = graph.node.create_publisher(FopidState, "fopid_controller/state", 10)
-    graph.until(publisher.get_subscription_count, "the dashboard")
-    reader = Reader(dashboard)
 
     def tell(second: int, kp: float) -> None:
         state = FopidState(kp=kp)
         state.header.stamp.sec = second
         publisher.publish(state)
 
-    tell(100, 1.0)
+    def heard() -> bool:  # a reader on best effort misses what comes before it knows the publisher
+        tell(100, 1.0)
+        reader = Reader(dashboard)
+        reader.close()
+        return bool(reader.rows)
+
+    graph.until(heard, "the dashboard listens")
+    reader = Reader(dashboard)
     tell(103, 2.0)
     reader.until(lambda: reader.status["marks"] == [3.0], "the mark of new gains")
     tell(10, 2.0)
