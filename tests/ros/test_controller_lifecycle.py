@@ -166,6 +166,7 @@ def test_a_mistake_in_the_program_ends_it_with_the_safe_control_and_its_tracebac
     [
         ("measurement.type:=senser_msgs/msg/Temperature", "did you mean 'sensor_msgs'"),
         ("control.field:=valu", "control.field = 'valu'"),
+        ("setpoint.initial:=-.inf", "setpoint.initial = -inf; allowed: -1e+100 to 1e+100, inf to wait for one"),
         ("qos_overrides./control.publisher.reliability:=relaible", "'relaible'; allowed: reliable, best_effort"),
         ("qos_overrides./control.publisher.depth:=0", "depth = 0; allowed: a whole number above 0"),
         ("qos_overrides./contrl.publisher.depth:=3", "did you mean 'qos_overrides./control.publisher.depth'"),

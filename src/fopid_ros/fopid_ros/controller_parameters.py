@@ -6,9 +6,11 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from fopid_core.errors import InputError
 from fopid_core.model.fopid import ORDER_RANGE, Fopid
 from fopid_core.runtime.filter_bank import Band
-from fopid_core.runtime.settings import LARGEST, ControllerSettings
+from fopid_core.runtime.settings import LARGEST, LOWEST, ControllerSettings
+from fopid_ros.inputs import is_number
 from fopid_ros.node import TIMING
 from fopid_ros.parameters import Spec
 from fopid_ros.signals import SignalType, signal_specs
@@ -76,3 +78,13 @@ def controller_settings(values: dict[str, Any], control_type: SignalType) -> Con
         control_max=min(values["control_max"], control_type.high),
         **{name: values[name] for name in _SAME_IN_THE_CORE},
     )
+
+
+def initial_setpoint(values: dict[str, Any]) -> float:
+    """The setpoint until one comes; NaN to wait for one."""
+    initial = values["setpoint.initial"]
+    if initial == math.inf:
+        return math.nan
+    if not is_number(initial):
+        raise InputError(f"setpoint.initial = {initial}; allowed: {LOWEST:g} to {LARGEST:g}, inf to wait for one")
+    return float(initial)

@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 from fopid_core.runtime.controller import FopidController
 from fopid_msgs.msg import FopidState
 from fopid_ros.ahead import Ahead
-from fopid_ros.controller_parameters import SIGNALS, SPECS, controller_settings, signal_types
+from fopid_ros.controller_parameters import SIGNALS, SPECS, controller_settings, initial_setpoint, signal_types
 from fopid_ros.diagnostics import Monitor, Rivals, diagnostic_array, diagnostic_status, worries
 from fopid_ros.inputs import Input, is_number
 from fopid_ros.node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run, take_waiting
@@ -44,6 +44,7 @@ class ControllerNode(ManagedNode):
 
     def check(self, values: dict[str, Any]) -> None:
         controller_settings(values, signal_types(values)["control"])
+        initial_setpoint(values)
 
     # What lives from configure to cleanup.
 
@@ -54,8 +55,7 @@ class ControllerNode(ManagedNode):
         self._controller.set_mode(values["mode"])
         self._lockstep = values["trigger"] == "lockstep"
         self._period_ns = round(values["sample_time"] * NS)
-        initial = values["setpoint.initial"]
-        self._setpoint = Input("setpoint", initial if is_number(initial) else math.nan)
+        self._setpoint = Input("setpoint", initial_setpoint(values))
         self._measurement, self._tracking = Input("measurement"), Input("tracking")
         self._feedforward, self._manual = Input("feedforward", 0.0), Input("manual_control")
         self._inputs = (self._setpoint, self._measurement, self._feedforward, self._manual, self._tracking)
