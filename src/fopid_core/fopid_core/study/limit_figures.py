@@ -39,7 +39,7 @@ def limit_history(run: Run, name: str) -> list[tuple[float, float]]:
 
 
 def limits_text(run: Run) -> str:
-    """Lowest and highest control allowed at the end, such as ``−10 to 10``; empty without limits."""
+    """Lowest and highest control allowed at the end, such as ``-10 to 10``; empty without limits."""
     last = [history[-1][1] if (history := limit_history(run, name)) else None for name in LIMITS]
     low, high = (value if value is not None and math.isfinite(value) else None for value in last)
     if low is None and high is None:
