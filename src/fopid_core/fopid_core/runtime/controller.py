@@ -165,10 +165,11 @@ class FopidController:
             self._start(measurement, last)
         if self._setpoint_step < math.inf:
             setpoint = _limited(setpoint, state.setpoint - self._setpoint_step, state.setpoint + self._setpoint_step)
-        before = state.proportional + state.derivative + state.feedforward
+        held = self._held
+        before = state.proportional + state.derivative + state.feedforward if held else 0.0
         state.setpoint, state.measurement, state.feedforward = setpoint, measurement, feedforward
         self._advance(setpoint, measurement, last - self._remembered, tracking is not None)
-        if self._held:
+        if held:
             self._take_up(before - state.proportional - state.derivative - feedforward)
             self._held = False
         automatic = state.mode == "auto"
@@ -278,8 +279,10 @@ class FopidController:
         return excess if antiwindup == "conditional_integration" and pushes_further else 0.0
 
     def _read(self, integral: float, derivative: float) -> None:
-        state = self.state
-        state.proportional = self._kp * (state.error - self._off_proportional * (state.setpoint - self._origin))
+        state, weighted = self.state, self.state.error
+        if self._off_proportional:
+            weighted -= self._off_proportional * (state.setpoint - self._origin)
+        state.proportional = self._kp * weighted
         state.integral = self._ki * integral + self._bias
         state.derivative = self._kd * derivative
 

@@ -12,7 +12,7 @@ from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.controller import ControllerSettings, FopidController
 
-CALLS, ROUNDS = 500, 60
+CALLS, ROUNDS = 500, 200
 SAMPLES = 5000
 """What the controller with full memory remembers."""
 
