@@ -20,6 +20,8 @@ setup(
     ],
     zip_safe=False,
     install_requires=[
+        "apsw",
+        'backports.zstd; python_version < "3.14"',
         "click",
         "control",
         "lark",
