@@ -13,6 +13,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from fopid_core.cli import main
 from fopid_core.design.identification_record import Record
+from fopid_core.study.records import read_record
 
 from .design.recorded import step_record
 from .study.recording import Recording, record_loop
@@ -71,12 +72,35 @@ def test_a_bag_is_identified(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("header", "order", "separator", "mark", "encoding"),
+    [
+        ("measurement,time,control", (2, 0, 1), ",", ".", "utf-8"),
+        ("Time [s],Control (V),Measurement [degC]", (0, 1, 2), ",", ".", "utf-8-sig"),
+        ("time;control;measurement", (0, 1, 2), ";", ",", "utf-8"),
+        ("time\tcontrol\tmeasurement", (0, 1, 2), "\t", ".", "utf-8"),
+    ],
+)
+def test_spreadsheets_write_csv_in_many_ways(
+    header: str, order: tuple[int, ...], separator: str, mark: str, encoding: str, tmp_path: Path
+) -> None:
+    rows = [(0.1 * k, float(k > 5), 0.01 * k) for k in range(40)]
+    lines = [separator.join(f"{row[i]:.6f}".replace(".", mark) for i in order) for row in rows]
+    path = tmp_path / "record.csv"
+    path.write_bytes("\r\n".join([header, *lines]).encode(encoding))
+    record = read_record(path)
+    assert np.column_stack([record.time, record.control, record.measurement]) == pytest.approx(np.array(rows))
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("", "allowed: a first line with time, control, measurement"),
         ("time,u,y\n0,0,0\n", "columns time, u, y of"),
         ("time,control,measurement\n0,0,0\n1,x,0\n", "control = 'x' in data row 2; allowed: a number"),
         ("time,control,measurement\n0,0\n", "measurement = '' in data row 1; allowed: a number"),
+        ("time [ms],control,measurement\n0,0,0\n", "time in ms; allowed: seconds"),
+        ("time,control,control,measurement\n0,0,0,0\n", "allowed: control once"),
+        ("time,control,measurement\n0,5,0,1,2\n", "5 cells in data row 1; allowed: one for each of 3 columns"),
         ("time,control,measurement\n0,0,0\n", "record of 1 samples; allowed: 30 or more"),
     ],
 )

@@ -50,9 +50,17 @@ def identify_verb(
         "elapsed_s": found.elapsed,
     }
     tables: list[tuple[str, Mapping[str, Any]]] = [(model.template, _table(model)) for model in found.models]
-    emit(verdict | {"models": models}, [*tables, ("Identified" if found.success else "Refused", verdict)], as_json)
+    shown = verdict | {"process": _readable(best)}
+    emit(verdict | {"models": models}, [*tables, ("Identified" if found.success else "Refused", shown)], as_json)
     if not found.success:
         click.get_current_context().exit(CANNOT_BE_MET)
+
+
+def _readable(model: IdentifiedModel | None) -> str | None:
+    """The process with as many digits as people read."""
+    if model is None:
+        return None
+    return str(model.structure.process_of({name: float(f"{value:.5g}") for name, value in model.parameters.items()}))
 
 
 def _rows(model: IdentifiedModel) -> dict[str, Any]:

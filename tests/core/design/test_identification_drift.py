@@ -68,6 +68,21 @@ def test_nothing_is_proposed_from_a_window_in_which_the_process_changed(model: I
     assert found.proposal is None
 
 
+def test_noise_and_load_that_no_model_explains_are_no_drift(model: IdentifiedModel) -> None:
+    noisy = closed_loop(BEFORE, square_wave(2000), 3500, STEP, GAINS, 0.03, seed=4).part(20.0, 60.0)
+    load = np.cumsum(np.random.default_rng(2).standard_normal(3500)) * 0.01
+    disturbed = closed_loop(BEFORE, lambda _: 0.0, 3500, STEP, GAINS, 0.01, 5, lambda k: float(load[k]))
+    for record in (noisy, disturbed.part(20.0, 60.0)):
+        found = drift(model, record)
+        assert not found.drifted
+        assert found.proposal is None
+
+
+def test_an_operating_point_that_moves_slowly_is_no_drift(model: IdentifiedModel) -> None:
+    record = window(BEFORE, seed=6)
+    assert drift(model, Record(record.time, record.control, record.measurement + 0.01 * record.time)).drifted is False
+
+
 class Drifting:
     """Two lags behind a gain and a delay that go from 1 and 0.4 s to 2 and 0.6 s between two instants."""
 

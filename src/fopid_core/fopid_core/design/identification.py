@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover
+from fopid_core.design.identification_excitation import LEAST_SHARE, external_share
 from fopid_core.design.identification_fit import Fit, fit
 from fopid_core.design.identification_quality import (
     Whiteness,
@@ -47,9 +48,20 @@ SLOWER = 0.7
 """Where the process is not known well enough, a controller that is so many times as fast is looked at."""
 RICHER = ("rational:4", "rational:3/1")
 GOOD_FIT = 98.0
-"""Where all templates together leave a residual that is not white, and fit worse than this [%], these are tried too."""
+"""Where the templates fit worse than this [%] and leave a residual whose correlation matters, these are tried too."""
+MATTERS = 0.1
+"""A residual that is not white, but of smaller correlation, leaves a richer model 5 % of its size to explain."""
 _ROUGH, _COARSE = 256, 512
+_FIRST_LOOK = 12
+"""So many evaluations tell which start is worth going on from."""
 _STILL = 0.05
+_GAP = 0.05
+"""A gap of this share of the record is named where the control explains too little."""
+_FEEDBACK = (
+    "the control only answers the measurement, so the record shows the controller and not the process: "
+    "move the setpoint, or add a step or a PRBS to the control"
+)
+_STABILISE = "stabilise the process first and record it in closed loop"
 
 
 @dataclass(frozen=True)
@@ -89,6 +101,11 @@ class IdentifiedModel:
     def structure(self) -> Structure:
         """What was fitted."""
         return self._fit.structure
+
+    @property
+    def ramp(self) -> float:
+        """How fast the operating point moved in the record [1/s]; 0 where nothing spoke for that."""
+        return self._fit.ramp
 
     @property
     def numbers(self) -> Floats:
@@ -166,24 +183,31 @@ def identify(record: Record, template: str = "all", clock: Clock = time.perf_cou
     refusal = _refusal_before(record)
     if refusal:
         return IdentificationResult(False, refusal, (), None, clock() - begun)
-    models = _models(record, structures)
+    rough = rough_fit(record, _ROUGH)
+    if external_share(record, rough.response.start) < LEAST_SHARE:
+        return IdentificationResult(False, _FEEDBACK, (), None, clock() - begun)
+    models = _models(record, rough, structures)
     if template == "all" and _miss_something(models):
-        models += _models(record, [structure_of(name) for name in RICHER])
+        models += _models(record, rough, [structure_of(name) for name in RICHER])
     best = _preferred(models)
     refusal = _refusal(record, best)
-    message = refusal or f"{best.template} explains {best.fit_pct:.2f} % of the measurement on held-back samples"
-    return IdentificationResult(not refusal, message, models, best, clock() - begun)
+    return IdentificationResult(not refusal, refusal or _told(best), models, best, clock() - begun)
 
 
-def _models(record: Record, structures: list[Structure]) -> tuple[IdentifiedModel, ...]:
-    rough = rough_fit(record, _ROUGH)
+def _told(best: IdentifiedModel) -> str:
+    told = f"{best.template} explains {best.fit_pct:.2f} % of the measurement on held-back samples"
+    return f"{told}, beside a drift of {best.ramp:.3g} per second that was taken out" if best.ramp else told
+
+
+def _models(record: Record, rough: Fit, structures: list[Structure]) -> tuple[IdentifiedModel, ...]:
     coarse: list[Fit] = []
     models = []
     for structure in structures:
         begin = RecordResponse(record, structure, rough.response.start, _COARSE)
         rows = ~held_back(begin.time.size)
-        tried = [fit(begin, start, rows, 40, 1e-5) for start in starts_for(structure, rough, coarse)]
-        coarse.append(min(tried, key=_unstable_last))
+        tried = [fit(begin, start, rows, _FIRST_LOOK, 1e-4) for start in starts_for(structure, rough, coarse)]
+        chosen = min(tried, key=_unstable_last)
+        coarse.append(fit(begin, chosen.x, rows, 40, 1e-5))
         models.append(_model(record, coarse[-1]))
     return tuple(models)
 
@@ -217,7 +241,8 @@ def _model(record: Record, coarse: Fit) -> IdentifiedModel:
 
 def _miss_something(models: tuple[IdentifiedModel, ...]) -> bool:
     good = _about_best(models)
-    return max(model.fit_pct for model in good) < GOOD_FIT and not any(model.whiteness.white for model in good)
+    matters = all(not m.whiteness.white and m.whiteness.correlation > MATTERS for m in good)
+    return matters and max(model.fit_pct for model in good) < GOOD_FIT
 
 
 def _crossover(found: Fit, spread: Floats, span: float) -> tuple[float, float]:
@@ -262,14 +287,15 @@ def _refusal_before(record: Record) -> str:
 
 def _refusal(record: Record, best: IdentifiedModel) -> str:
     """Why the best model may not be used."""
-    if not process_stability(best.process).stable:
-        return "the model that fits best is unstable: stabilise the process first and record it in closed loop"
     if best.fit_pct < LEAST_FIT and not best.whiteness.white:
         return f"the control explains only {max(best.fit_pct, 0.0):.0f} % of the measurement: {_advice(record)}"
-    if record.span * best.crossover < SHORTEST:
+    if not process_stability(best.process).stable:
+        return f"the model that fits best is unstable: {_STABILISE}"
+    needed = SHORTEST / best.crossover
+    if needed > record.span:
         return (
             f"too short: {record.span:.3g} s of a process that a controller would move at {best.crossover:.3g} rad/s; "
-            f"record at least {SHORTEST / best.crossover:.3g} s"
+            f"record at least {needed:.3g} s" + (f"; if it runs away, {_STABILISE}" if _grows(record) else "")
         )
     if not best.deviation <= MOST_DEVIATION:
         return (
@@ -280,8 +306,20 @@ def _refusal(record: Record, best: IdentifiedModel) -> str:
 
 
 def _advice(record: Record) -> str:
+    if _grows(record):
+        return f"it runs away; {_STABILISE}"
+    gaps = np.diff(record.time)
+    longest = int(np.argmax(gaps))
+    if gaps[longest] > max(_GAP * record.span, 10.0 * np.median(gaps)):
+        first, last = record.time[longest : longest + 2] - record.time[0]
+        return (
+            f"there are no samples from {first:.4g} to {last:.4g} s after the first; use what is before or after that"
+        )
+    return "look for disturbances, a sensor that sticks or a wrong pair of signals, and move the control more"
+
+
+def _grows(record: Record) -> bool:
+    """Whether the measurement ends far from where it was for most of the record."""
     size = np.abs(record.measurement - record.measurement[0])
     tenth = size.size // 10
-    if size[-tenth:].mean() > 3.0 * size[:-tenth].mean():
-        return "it runs away; stabilise the process first and record it in closed loop"
-    return "look for disturbances, a sensor that sticks or a wrong pair of signals, and move the control more"
+    return bool(size[-tenth:].mean() > 3.0 * size[:-tenth].mean())

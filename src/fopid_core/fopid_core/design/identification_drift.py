@@ -14,13 +14,15 @@ from fopid_core.design.identification_response import RecordResponse, Start
 from fopid_core.design.specification import Clock
 from fopid_core.model.arrays import Floats
 
-WORSE = 2.0
-"""A model no longer explains the data when its error is so many times what it was."""
+WORSE = 1.4
+"""A model is doubted when its error is so many times what it was."""
+BETTER = 0.7
+"""And has drifted when one learnt from the new data has at most this share of its error: noise and disturbances that
+no model explains are no drift."""
 _MATERIAL = 0.05
 """And this share of the measurement's spread."""
 _LEARNT = 0.07
-"""A new model is proposed when its error is at most this share of the measurement's spread, or not above what it was
-before by more than the first factor."""
+"""A new model is proposed when its error is at most this share of the measurement's spread, or twice what it was."""
 _EXCITED = 3.0
 """The process must have moved by so many times the noise for anything to be said."""
 
@@ -32,7 +34,7 @@ class Drift:
     Attributes
     ----------
     drifted : bool or None
-        Whether the model no longer explains the data; None where they show too little to tell.
+        Whether another model explains the data and this one does not; None where they do not tell.
     error, error_before : float
         Root mean square of what it does not explain, now and on the data it was learnt from.
     fit_pct : float
@@ -52,9 +54,9 @@ class Drift:
 
 
 def unexplained(model: IdentifiedModel, record: Record) -> Floats:
-    """Measurement less model, shape (n,), with the best offset and beginning but the model's own gain and dynamics."""
+    """Measurement less model, shape (n,), with the best offset, ramp and beginning but the model's own dynamics."""
     structure, x, gains = model.structure, model.numbers, model.gains
-    start = Start(float(record.control[0]), step=True, free=True)
+    start = Start(float(record.control[0]), step=True, free=True, ramp=True)
     response = RecordResponse(record, structure, start)
     columns = response.columns(x)
     left = response.measurement - columns[:, : gains.size] @ gains
@@ -93,8 +95,10 @@ def drift(
     proposal = identify(record, template or model.template, clock)
     told = f"the model explains {fit:.1f} % of the measurement now, error {error:.3g} against {before:.3g} before"
     if not proposal.success or proposal.best is None:
-        return Drift(True, error, before, fit, None, f"{told}; nothing could be learnt anew: {proposal.message}")
-    if proposal.best.noise > max(WORSE * before, _LEARNT * spread):
-        waiting = "nor does any other model of its kind: the process may have changed within the record"
+        return Drift(None, error, before, fit, None, f"{told}; nothing could be learnt anew: {proposal.message}")
+    if proposal.best.noise > BETTER * error:
+        return Drift(None, error, before, fit, None, f"{told}; nor does any model of its kind: a disturbance or noise")
+    if proposal.best.noise > max(2.0 * before, _LEARNT * spread):
+        waiting = "another explains more, but not enough: the process may have changed within the record"
         return Drift(True, error, before, fit, None, f"{told}; {waiting}")
     return Drift(True, error, before, fit, proposal, f"{told}; learnt anew: {proposal.message}")

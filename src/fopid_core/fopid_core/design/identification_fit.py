@@ -31,7 +31,7 @@ class Fit:
     x : ndarray
         The structure's free numbers.
     coefficients : ndarray
-        The linear numbers: gains, beginning, offset.
+        The linear numbers: gains, beginning, offset and ramp.
     residual : ndarray, shape (n,)
         Measurement less model, on all samples.
     error : float
@@ -56,6 +56,11 @@ class Fit:
     def gains(self) -> Floats:
         """The numerator's coefficients."""
         return self.coefficients[: self.structure.zeros + 1]
+
+    @property
+    def ramp(self) -> float:
+        """How fast the operating point moves, in units of the measurement per second."""
+        return float(self.coefficients[-1] / self.response.time[-1]) if self.response.start.ramp else 0.0
 
     @cached_property
     def process(self) -> Process:

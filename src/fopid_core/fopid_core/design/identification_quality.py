@@ -29,11 +29,14 @@ class Whiteness:
     lags : int
     p_value : float
         Probability that white noise has a larger statistic.
+    correlation : float
+        Largest autocorrelation: about the share of the residual's variance that a richer model could explain.
     """
 
     statistic: float
     lags: int
     p_value: float
+    correlation: float
 
     @property
     def white(self) -> bool:
@@ -66,7 +69,7 @@ def whiteness(residual: Floats) -> Whiteness:
     lags = min(_LAGS, n // 5)
     rho = autocorrelation(residual, lags)
     statistic = float(n * (n + 2) * np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    return Whiteness(statistic, lags, float(chdtrc(lags, statistic)))
+    return Whiteness(statistic, lags, float(chdtrc(lags, statistic)), float(rho.max()))
 
 
 def covariance(found: Fit) -> Floats:

@@ -12,13 +12,13 @@ from fopid_core.model.arrays import Booleans, Floats
 FEWEST_SAMPLES = 30
 REGULAR = 1e-3
 """Samples are evenly spaced when none is further from its place than this share of the sample time."""
-_BLOCKS, _EVERY = 50, 5
-"""The record is cut into so many blocks; every fifth is held back to judge the fit."""
+_BLOCKS, _EVERY = 250, 5
+"""The record is cut into about so many blocks; every fifth is held back to judge the fit."""
 
 
 def held_back(samples: int) -> Booleans:
-    """Which samples judge the fit and take no part in it: ten stretches, each a fiftieth of the record."""
-    return np.asarray(np.arange(samples) * _BLOCKS // samples % _EVERY == _EVERY // 2)
+    """Which samples judge the fit and take no part in it: stretches so short that no transient falls between them."""
+    return np.asarray(np.arange(samples) // max(samples // _BLOCKS, 1) % _EVERY == _EVERY // 2)
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,8 @@ class Record:
             raise InputError(f"record of {self.time.size} samples; allowed: {FEWEST_SAMPLES} or more, record longer")
         behind = np.flatnonzero(np.diff(self.time) <= 0.0)
         if behind.size:
-            raise InputError(f"time = {self.time[behind[0] + 1]:g} at row {behind[0] + 2}; allowed: ascending times")
+            given = f"time = {self.time[behind[0] + 1]:g} at row {behind[0] + 2}"
+            raise InputError(f"{given}; allowed: ascending times; leave out rows that repeat or go back")
 
     def _take(self, name: str) -> None:
         values = np.asarray(getattr(self, name), dtype=np.float64)
@@ -67,7 +68,8 @@ class Record:
             raise InputError(f"{name} of shape {values.shape}; allowed: one number for each of the instants")
         wrong = np.flatnonzero(~np.isfinite(values))
         if wrong.size:
-            raise InputError(f"{name} = {values[wrong[0]]} at row {wrong[0] + 1}; allowed: finite numbers")
+            given = f"{name} = {values[wrong[0]]} at row {wrong[0] + 1}"
+            raise InputError(f"{given}; allowed: finite numbers; leave out rows without")
         object.__setattr__(self, name, values)
 
     @property

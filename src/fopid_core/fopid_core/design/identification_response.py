@@ -36,11 +36,14 @@ class Start:
         Whether that control is unknown, so that a step of unknown size acts at the first instant.
     free : bool
         Whether the process did not rest, so that a free response of unknown shape runs out.
+    ramp : bool
+        Whether the operating point moves at an unknown, constant rate.
     """
 
     before: float = 0.0
     step: bool = False
     free: bool = False
+    ramp: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,7 @@ class RecordResponse:
         return max(1, math.ceil(order))
 
     def columns(self, x: Floats) -> Floats:
-        """Everything that enters linearly, shape (n, k): gains, then what the beginning adds, then the offset."""
+        """Everything that enters linearly, shape (n, k): gains, what the beginning adds, offset and ramp."""
         delayed = [self._spectrum(x, j, delayed=True) for j in range(self.structure.zeros + 1)]
         spectra = [spectrum * self._control for spectrum in delayed]
         if self.start.step:
@@ -111,7 +114,8 @@ class RecordResponse:
         if self.start.free:
             spectra += [self._spectrum(x, j, delayed=False) for j in range(self._free_orders)]
         signals = self._signals(np.stack(spectra))
-        return np.column_stack([signals, np.ones(len(signals))])
+        ramp = [self.time / self.time[-1]] if self.start.ramp else []
+        return np.column_stack([signals, np.ones(len(signals)), *ramp])
 
     def slopes(self, x: Floats, coefficients: Floats) -> Floats:
         """Derivatives of ``columns(x) @ coefficients`` with respect to x, shape (n, len(x))."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -24,23 +24,30 @@ _IMMATERIAL = 0.02
 """Differences of this share of the measurement's spread count as none."""
 _NO_BETTER = 4.0
 """A beginning must be better by more than this to be taken in place of one that is preferred."""
+_RAMP_COUNTS = 4
+"""A ramp counts as so many numbers: it must take a quarter off the error, since a slow process looks like one."""
 _NEAR_ZERO = 0.1
 """A measurement that begins within this share of its range from zero began at rest at zero, if at rest at all."""
 _POLISH = 12
 
 
 def possible_starts(record: Record) -> tuple[Start, ...]:
-    """Beginnings in the order of preference: at rest, at rest at zero, after a step, not at rest."""
-    if record.control_before is not None:
-        return (Start(record.control_before),)
+    """Beginnings in the order of preference: at rest, at rest at zero, after a step, not at rest; then with a ramp."""
     first = float(record.control[0])
     moved = np.flatnonzero(record.control != first)
     if not moved.size:
-        return (Start(0.0),)
+        return (Start(record.control_before or 0.0),)
+    steady = (Start(record.control_before),) if record.control_before is not None else _steady_starts(record, moved[0])
+    return (*steady, *(replace(start, ramp=True) for start in dict.fromkeys((steady[0], steady[-1]))))
+
+
+def _steady_starts(record: Record, still: int) -> tuple[Start, ...]:
+    """Beginnings at an operating point that stays, of a record whose control does not move for some samples."""
+    first = float(record.control[0])
     at_rest = [Start(first)] if first == 0.0 else [Start(first), Start(0.0)]
     if abs(record.measurement[0]) <= _NEAR_ZERO * np.ptp(record.measurement):
         at_rest.reverse()
-    if _stands_still(record.measurement[: moved[0] + 1]):
+    if _stands_still(record.measurement[: still + 1]):
         return tuple(at_rest)
     return (*at_rest, Start(first, step=True), Start(first, step=True, free=True))
 
@@ -87,7 +94,7 @@ def _with_fractional_orders(record: Record, lags: Fit, samples: int) -> Fit:
 def _score(found: Fit) -> float:
     """Schwarz's criterion, with differences that do not matter left out."""
     floor = _IMMATERIAL * float(np.std(found.response.measurement)) + 1e-300
-    count = found.response.free_columns
+    count = found.response.free_columns + _RAMP_COUNTS * found.response.start.ramp
     return 2.0 * _INDEPENDENT * math.log(math.hypot(found.error, floor)) + count * math.log(_INDEPENDENT)
 
 
@@ -95,8 +102,8 @@ def _score(found: Fit) -> float:
 class _Table:
     """Scalar products of the signals of a rough look, for every point of a grid.
 
-    ``seeds`` has shape (m, 3): log tau, log c, delay [s]. ``products`` has shape (m, 6, 6): of what the control does,
-    of a step at the first instant, of two free responses, of the offset and of the measurement.
+    ``seeds`` has shape (m, 3): log tau, log c, delay [s]. ``products`` has shape (m, 7, 7): of what the control does,
+    of a step at the first instant, of two free responses, of offset and ramp and of the measurement.
     """
 
     seeds: Floats
@@ -105,14 +112,14 @@ class _Table:
 
     def best(self, start: Start) -> list[Floats]:
         """The point of the grid that leaves least unexplained, and the best with at most half its delay."""
-        used = [0, 4] + [1] * start.step + [2, 3] * start.free
-        change = np.eye(6)
+        used = [0, 4] + [1] * start.step + [2, 3] * start.free + [5] * start.ramp
+        change = np.eye(7)
         change[0, 1] = 0.0 if start.step else self.first - start.before
         products = change @ self.products @ change.T
         scale = np.sqrt(np.maximum(np.diagonal(products, axis1=1, axis2=2), 1e-300))
         products = products / (scale[:, :, None] * scale[:, None, :])
         inner = products[:, used][:, :, used] + 1e-9 * np.eye(len(used))
-        right = products[:, used, 5]
+        right = products[:, used, 6]
         explained = np.sum(right * np.linalg.solve(inner, right[:, :, None])[:, :, 0], axis=1)
         first = int(np.argmax(explained))
         early = self.seeds[:, 2] <= 0.5 * self.seeds[first, 2]
@@ -124,12 +131,12 @@ def _scan(response: RecordResponse) -> _Table:
     step, span = float(response.time[1]), float(response.time[-1])
     delays = np.concatenate([[0.0], np.geomspace(step, 0.5 * span, _DELAYS - 1)])
     rows = ~held_back(response.time.size)
-    common = np.stack([np.ones(rows.sum()), response.measurement[rows]])
+    common = np.stack([np.ones(rows.sum()), response.time[rows] / span, response.measurement[rows]])
     seeds, products = [], []
     for log_tau in np.linspace(math.log(0.5 * step), math.log(2.0 * span), _TIME_CONSTANTS).tolist():
         for log_c in _LOG_DAMPINGS:
             driven, stepped, free = response.scan(np.array([log_tau, log_c, 0.0]), delays)
-            rest = np.broadcast_to(np.concatenate([free[:, rows], common]), (delays.size, 4, common.shape[1]))
+            rest = np.broadcast_to(np.concatenate([free[:, rows], common]), (delays.size, 5, common.shape[1]))
             signals = np.concatenate([driven[:, None, rows], stepped[:, None, rows], rest], axis=1)
             products.append(signals @ signals.transpose(0, 2, 1))
             seeds += [(log_tau, log_c, delay) for delay in delays.tolist()]
@@ -164,7 +171,7 @@ def _rational_starts(structure: Structure, rough: Fit) -> list[Floats]:
     response = rough.response.of(structure)
     shifts, dampings = np.log([0.4, 1.0, 2.5]), (math.log(0.2), log_c, math.log(4.0))
     shares = np.log([0.05, 0.3, 1.0, 3.0]) if len(structure.sections) > 1 else np.zeros(1)
-    others = (math.log(0.2), math.log(1.7)) if len(structure.sections) > 1 else (0.0,)
+    others = (math.log(0.2), math.log(1.7)) if len(structure.sections) > 1 and structure.sections[1].damped else (0.0,)
     best: dict[tuple[float, float], tuple[float, Floats]] = {}
     for shift, damping, share, other, late in product(shifts, dampings, shares, others, (0.0, 1.0)):
         numbers: list[float] = []
