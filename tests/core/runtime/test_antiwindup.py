@@ -167,6 +167,16 @@ def test_near_a_double_integral_the_classical_scheme_does_not_wind_up_either(
         assert abs(controller.state.control_unlimited) < 10.0
 
 
+@pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid")
+@pytest.mark.parametrize("tracking_time", [0.0, 1e-9, 1e9])
+@pytest.mark.parametrize("ki", [5e-324, -1e-300, 1e100])
+@pytest.mark.parametrize("kp", [0.0, 5e-324, -1e100])
+def test_the_smallest_and_the_largest_gains_are_taken(kp: float, ki: float, tracking_time: float) -> None:
+    for lam, sample_time in ((0.3, 1e6), (2.0 - 1e-12, 1e-6), (1.0, 0.01)):
+        gains = Fopid(kp, ki, 1e-300, lam, 1.5)
+        FopidController(ControllerSettings(gains, sample_time, control_max=1.0, tracking_time=tracking_time))
+
+
 orders = st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0, 1.9))
 
 

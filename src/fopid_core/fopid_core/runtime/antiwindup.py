@@ -69,7 +69,7 @@ def _dies_away(operators: Operators, gains: Fopid, taken_in: Vector) -> bool:
     echo = np.zeros((n + 1, n + 1))  # on what is remembered and the excess, from tick to tick
     echo[:n, :n], echo[:n, n] = operators.matrix[:n, :n], taken_in[:n]
     echo[n, :n], echo[n, n] = -reading @ operators.matrix[-2:, :n], -reading @ taken_in[-2:]
-    if np.abs(np.linalg.eigvals(echo)).max() > _FASTEST:
+    if not np.isfinite(echo).all() or np.abs(np.linalg.eigvals(echo)).max() > _FASTEST:
         return False
     now = echo[:, n]
     for _ in range(_FIRST_TICKS):
