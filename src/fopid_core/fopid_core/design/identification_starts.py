@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 
 from fopid_core.design.identification_fit import Fit, at, fit
+from fopid_core.design.identification_quality import whiteness
 from fopid_core.design.identification_record import Record, held_back
 from fopid_core.design.identification_response import RecordResponse, Start
 from fopid_core.design.identification_structure import Structure, structure_of
@@ -32,22 +33,17 @@ _POLISH = 12
 
 
 def possible_starts(record: Record) -> tuple[Start, ...]:
-    """Beginnings in the order of preference: at rest, at rest at zero, after a step, not at rest; then with a ramp."""
+    """Beginnings in the order of preference: at rest, at rest at zero, after a step, not at rest."""
     first = float(record.control[0])
     moved = np.flatnonzero(record.control != first)
     if not moved.size:
         return (Start(record.control_before or 0.0),)
-    steady = (Start(record.control_before),) if record.control_before is not None else _steady_starts(record, moved[0])
-    return (*steady, *(replace(start, ramp=True) for start in dict.fromkeys((steady[0], steady[-1]))))
-
-
-def _steady_starts(record: Record, still: int) -> tuple[Start, ...]:
-    """Beginnings at an operating point that stays, of a record whose control does not move for some samples."""
-    first = float(record.control[0])
+    if record.control_before is not None:
+        return (Start(record.control_before),)
     at_rest = [Start(first)] if first == 0.0 else [Start(first), Start(0.0)]
     if abs(record.measurement[0]) <= _NEAR_ZERO * np.ptp(record.measurement):
         at_rest.reverse()
-    if _stands_still(record.measurement[: still + 1]):
+    if _stands_still(record.measurement[: moved[0] + 1]):
         return tuple(at_rest)
     return (*at_rest, Start(first, step=True), Start(first, step=True, free=True))
 
@@ -65,15 +61,21 @@ def _stands_still(measurement: Floats) -> bool:
 def rough_fit(record: Record, samples: int) -> Fit:
     """Two lags with delay, on at most so many samples, with the beginning that the record calls for.
 
+    Where something is left that is not noise, the operating point may have moved as well.
+
     The beginnings are compared with fractional orders allowed, so that no beginning makes up for a model too simple.
     """
     open_start = Start(float(record.control[0]), step=True, free=True)
     table = _scan(RecordResponse(record, structure_of("soptd"), open_start, samples))
     starts = possible_starts(record)
     lags = [_two_lags(record, start, table, samples) for start in starts]
-    if len(lags) == 1:
+    if not np.ptp(record.control):
         return lags[0]
     judged = [_with_fractional_orders(record, found, samples) for found in lags]
+    if not any(whiteness(found.residual).white for found in judged):
+        moving = [replace(start, ramp=True) for start in dict.fromkeys((starts[0], starts[-1]))]
+        more = [_two_lags(record, start, table, samples) for start in moving]
+        lags, judged = lags + more, judged + [_with_fractional_orders(record, found, samples) for found in more]
     scores = np.array([_score(found) for found in judged])
     return lags[int(np.argmax(scores <= scores.min() + _NO_BETTER))]
 
