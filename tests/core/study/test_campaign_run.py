@@ -26,8 +26,8 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
 from fopid_core.study.campaign import Campaign, Design, Range, Variations
+from fopid_core.study.campaign_columns import SCHEMA
 from fopid_core.study.campaign_run import Standing, read_results, run_campaign
-from fopid_core.study.campaign_task import SCHEMA
 from fopid_core.study.varied_loops import varied
 
 FOPID = str(Path(sys.executable).with_name("fopid"))

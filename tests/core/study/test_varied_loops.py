@@ -14,7 +14,8 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process, read_process
 from fopid_core.model.stability import stability
-from fopid_core.study.varied_loops import MEASURES, measure, stable_variations, varied
+from fopid_core.study.campaign_columns import MEASURES
+from fopid_core.study.varied_loops import measure, stable_variations, varied
 
 ITAE = Fopid(2.9692, 0.8028, 1.3394, 1.0138, 0.6074)  # of the paper's Table 4
 TABLE_3 = Fopid(0.9116, 0.2526, 0.2023, 1.1577, 0.9973)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Annotated
@@ -15,9 +15,9 @@ from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
+from fopid_core.study.campaign_columns import MEASURES, SPECIFICATION, VARIED
 from fopid_core.study.loop_parameters import GAIN_KEYS
 from fopid_core.study.tune_call import TuneCall
-from fopid_core.study.varied_loops import MEASURES, VARIED
 from fopid_core.study.yaml_schema import Keys, SchemaError, check_name, read_yaml, yaml_text
 
 MOST_RUNS = 10_000_000
@@ -26,7 +26,6 @@ RUNS_AT_ONCE = 500
 TUNINGS_AT_ONCE = 5
 """Tunings of a task at most; one takes up to half a second."""
 DISTRIBUTIONS = ("uniform", "loguniform")
-SPECIFICATION = tuple(f.name for f in fields(TuneCall))
 
 
 @dataclass(frozen=True)

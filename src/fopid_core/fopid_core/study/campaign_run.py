@@ -28,7 +28,7 @@ import pyarrow.parquet
 
 from fopid_core.errors import InputError
 from fopid_core.study.campaign import Campaign, Task
-from fopid_core.study.campaign_task import SCHEMA, run_task
+from fopid_core.study.campaign_columns import SCHEMA
 
 SUFFIXES = (".parquet", ".csv")
 CONNECT_TIME = 20
@@ -169,12 +169,18 @@ def _run_tasks(
     kept = done = total - sum(task.runs for task in left)
     report(Standing(done, total, float("nan")))
     begun = time.monotonic()
-    for task, table in executor(partial(run_task, campaign), left) if left else ():
+    for task, table in executor(partial(_work, campaign), left) if left else ():
         _write_whole(_part(folder, task), partial(pa.parquet.write_table, table))
         done += task.runs
         each = (time.monotonic() - begun) / (done - kept)
         report(Standing(done, total, each * (total - done)))
     return kept
+
+
+def _work(campaign: Campaign, task: Task) -> pa.Table:
+    from fopid_core.study.campaign_task import run_task  # slow to import, and done in parallel by the workers
+
+    return run_task(campaign, task)
 
 
 def _on_this_machine(work: Work, tasks: list[Task], workers: int) -> Done:

@@ -18,26 +18,11 @@ from fopid_core.design.tuner import tune
 from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process, read_process
-from fopid_core.study.campaign import SPECIFICATION, Campaign, Group, Task
+from fopid_core.study.campaign import Campaign, Group, Task
+from fopid_core.study.campaign_columns import MEASURES, SCHEMA, VARIED
 from fopid_core.study.loop_parameters import GAINS
 from fopid_core.study.tune_call import TuneCall
-from fopid_core.study.varied_loops import MEASURES, VARIED, measure
-
-_WORDS = ("method", "index", "via", "rule")
-
-SCHEMA = pa.schema(
-    [
-        ("run", pa.int64()), ("process", pa.string()), ("design", pa.string()), ("variation", pa.int64()),
-        *((name, pa.float64()) for name in VARIED),
-        *((name if name == "method" else f"asked_{name}", pa.string() if name in _WORDS else pa.float64())
-          for name in SPECIFICATION),
-        *((name, pa.float64()) for name in GAINS),
-        ("met", pa.bool_()), ("unmet", pa.string()), ("step_horizon", pa.float64()),
-        ("status", pa.string()), ("reason", pa.string()), ("stable", pa.bool_()),
-        *((name, pa.float64()) for name in MEASURES),
-    ]
-)  # fmt: skip
-"""Columns of the results: first what went in, then the controller, then what came out; nothing where it has none."""
+from fopid_core.study.varied_loops import measure
 
 
 @dataclass(frozen=True)

@@ -24,14 +24,7 @@ from fopid_core.model.process import Process
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 from fopid_core.model.stability import stability
 from fopid_core.model.winding import count_zeros
-
-VARIED = ("gain", "time_scale", "delay")
-"""Columns of a table of variations: g [-], t [-], d [s]."""
-
-MEASURES = (
-    "ms", "mt", "phase_margin_deg", "crossover", "gain_margin_db", "iae", "ise", "itae", "itse", "overshoot_pct",
-    "rise_time", "settling_time", "control_peak",
-)  # fmt: skip
+from fopid_core.study.campaign_columns import MEASURES
 
 _W = np.geomspace(1e-4, 1e4, 1601)  # in units of the natural crossover
 _MOST_INTERVALS = 300  # as many as ``stable_mask`` looks at before it gives up on a loop
