@@ -12,6 +12,19 @@ import yaml
 from fopid_ros.parameters import Value
 
 
+class _Text(str):
+    """A text that stands in quotes: ROS reads some as numbers, such as 1e5, that YAML's library does not."""
+
+    __slots__ = ()
+
+
+class _Dumper(yaml.SafeDumper):
+    pass
+
+
+_Dumper.add_representer(_Text, lambda dumper, text: dumper.represent_scalar("tag:yaml.org,2002:str", text, style="'"))
+
+
 def write_parameter_file(path: Path, node: str, values: Mapping[str, Value]) -> None:
     """Write a ROS parameter file so that at every instant the old file or the new one is there, whole.
 
@@ -30,7 +43,8 @@ def write_parameter_file(path: Path, node: str, values: Mapping[str, Value]) -> 
         If it cannot be written; what was there before is there still.
     """
     target = _target(path)
-    text = yaml.safe_dump({node: {"ros__parameters": dict(values)}}, sort_keys=False, allow_unicode=True)
+    quoted = {name: _Text(value) if isinstance(value, str) else value for name, value in values.items()}
+    text = yaml.dump({node: {"ros__parameters": quoted}}, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
     temporary = target.with_name(f".{target.name}.{os.getpid()}")
     try:
         with temporary.open("w", encoding="utf-8") as file:
