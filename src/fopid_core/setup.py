@@ -37,5 +37,5 @@ setup(
         "zstandard",
     ],
     extras_require={"cluster": ["distributed"], "test": ["hypothesis", "mpmath", "pytest"]},
-    entry_points={"console_scripts": ["fopid = fopid_core.cli:main"]},
+    entry_points={"console_scripts": ["fopid = fopid_core.cli.main:main"]},
 )

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 from rosbags.rosbag2 import StoragePlugin
 
-from fopid_core.cli import main
+from fopid_core.cli.main import main
 from fopid_core.design.identification_record import Record
 from fopid_core.study.records import read_record
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from fopid_core.cli import main
+from fopid_core.cli.main import main
 from fopid_core.data import paper_tables
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop

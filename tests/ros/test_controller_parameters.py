@@ -15,9 +15,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-from fopid_core.cli import main
+from fopid_core.cli.main import main
 from fopid_core.runtime.controller import ControllerSettings
-from fopid_core.study.loop_parameters import controller_settings as offline_settings
+from fopid_core.study.experiments.loop_parameters import controller_settings as offline_settings
 from fopid_msgs.msg import ScalarStamped
 from fopid_ros.controller_parameters import SPECS
 from fopid_ros.controller_parameters import controller_settings as node_settings

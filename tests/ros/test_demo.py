@@ -19,8 +19,8 @@ from fopid_core.model.process import read_process
 from fopid_core.runtime.controller import ControllerSettings, FopidController, with_gains
 from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.runtime.simulation import simulate
-from fopid_core.study.bag import read_bag
-from fopid_core.study.demonstration import demo_experiment
+from fopid_core.study.bags.bag import read_bag
+from fopid_core.study.experiments.demonstration import demo_experiment
 from fopid_ros.demo import only_demonstration
 
 from .conftest import BIN, Graph

@@ -14,13 +14,13 @@ import rclpy
 from domain_coordinator import domain_id
 
 from fopid_core.model.process import read_process
-from fopid_core.study.bag import read_bag
-from fopid_core.study.experiment import Experiment, Phase
-from fopid_core.study.loop_parameters import CONTROLLER_KEYS, PLANT_KEYS, SETTING_KEYS
-from fopid_core.study.profiles import Bag, Ramp, Sine, Steps
-from fopid_core.study.run import Signal
-from fopid_core.study.simulate import replayed, simulate_experiment
-from fopid_core.study.tune_call import MS_MAX, TICKS, TuneCall
+from fopid_core.study.bags.bag import read_bag
+from fopid_core.study.experiments.experiment import Experiment, Phase
+from fopid_core.study.experiments.loop_parameters import CONTROLLER_KEYS, PLANT_KEYS, SETTING_KEYS
+from fopid_core.study.experiments.profiles import Bag, Ramp, Sine, Steps
+from fopid_core.study.experiments.simulate import replayed, simulate_experiment
+from fopid_core.study.experiments.tune_call import MS_MAX, TICKS, TuneCall
+from fopid_core.study.reports.run import Signal
 from fopid_ros.ahead import Ahead
 from fopid_ros.controller_parameters import SPECS as CONTROLLER_SPECS
 from fopid_ros.demo import node_parameters

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fopid_core.errors import InputError
-from fopid_ros.history import History
+from fopid_ros.learning.history import History
 
 
 def filled(kept: float = 100.0, samples: int = 50) -> History:

@@ -16,10 +16,10 @@ from fopid_core.model.response import step_response
 from fopid_core.runtime.controller import ControllerSettings, FopidController
 from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.runtime.simulation import Trace, simulate
-from fopid_core.study.bag import read_bag
-from fopid_core.study.experiment import Experiment, read_experiment
+from fopid_core.study.bags.bag import read_bag
+from fopid_core.study.experiments.experiment import Experiment, read_experiment
+from fopid_core.study.reports.segments import segments
 from fopid_core.study.reproduce.load_figures import setpoint_then_load
-from fopid_core.study.segments import segments
 
 from .conftest import BIN, Graph
 

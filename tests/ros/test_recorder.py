@@ -26,8 +26,8 @@ from std_msgs.msg import Float64, Header
 
 import fopid_ros.recorder
 from fopid_core.errors import InputError
-from fopid_core.study.bag import read_bag
-from fopid_core.study.completeness import samples
+from fopid_core.study.bags.bag import read_bag
+from fopid_core.study.reports.completeness import samples
 from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
 from fopid_ros.recorder import Recorder
 

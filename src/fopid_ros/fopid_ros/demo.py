@@ -18,7 +18,7 @@ from fopid_core.errors import InputError
 from fopid_ros.processes import Children, command, ros_arguments
 
 if TYPE_CHECKING:
-    from fopid_core.study.experiment import Experiment
+    from fopid_core.study.experiments.experiment import Experiment
 
 
 def node_parameters(experiment: Experiment) -> dict[str, dict[str, object]]:
@@ -114,8 +114,10 @@ def interruptible(work: Callable[[], int]) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from fopid_core.study.demonstration import demo_experiment  # slow to import: an interrupt is heard before
-    from fopid_core.study.experiment import run_folder
+    from fopid_core.study.experiments.demonstration import (
+        demo_experiment,  # slow to import: an interrupt is heard before
+    )
+    from fopid_core.study.experiments.experiment import run_folder
 
     experiment = demo_experiment(options.process, options.trigger)
     return run_with_nodes(experiment, options.out or run_folder("demo"))

@@ -20,9 +20,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from fopid_core.errors import InputError
-from fopid_core.study.completeness import EVERY_SAMPLE
-from fopid_core.study.experiment import Experiment, read_experiment, run_folder
-from fopid_core.study.provenance import provenance
+from fopid_core.study.bags.provenance import provenance
+from fopid_core.study.experiments.experiment import Experiment, read_experiment, run_folder
+from fopid_core.study.reports.completeness import EVERY_SAMPLE
 from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
 from fopid_ros.experiment_node import ExperimentNode, StopRequestedError, ask_for_prompt_acknowledgements
 from fopid_ros.node import check_domain, latched_qos
@@ -115,10 +115,10 @@ def conduct(experiment: Experiment, folder: Path, console: Console) -> int:
 
 def show_results(folder: Path, console: Console) -> None:
     """Print the table and write the report."""
-    from fopid_core.study.bag import read_bag
-    from fopid_core.study.report import write_report
-    from fopid_core.study.segment_table import segment_table
-    from fopid_core.study.segments import segments
+    from fopid_core.study.bags.bag import read_bag
+    from fopid_core.study.reports.report import write_report
+    from fopid_core.study.reports.segment_table import segment_table
+    from fopid_core.study.reports.segments import segments
 
     with console.status("writing the report"):
         run = read_bag(folder / "bag")

@@ -21,8 +21,8 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
 from fopid_core.errors import InputError
-from fopid_core.study.experiment import SOURCES, Experiment, Phase
-from fopid_core.study.tune_call import TuneCall
+from fopid_core.study.experiments.experiment import SOURCES, Experiment, Phase
+from fopid_core.study.experiments.tune_call import TuneCall
 from fopid_msgs.msg import ExperimentPhase, ScalarStamped
 from fopid_msgs.srv import Advance, Tune
 from fopid_ros.node import LOCKSTEP_DEPTH, latched_qos

@@ -25,18 +25,18 @@ from fopid_core.design.tuner import TuningRequest, tune
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process, read_process
-from fopid_core.study.tune_call import refusal
+from fopid_core.study.experiments.tune_call import refusal
 from fopid_msgs.action import Autotune
 from fopid_msgs.msg import ReducedModel
 from fopid_msgs.msg import TuningResult as TuningResultMessage
 from fopid_msgs.srv import Identify, Reduce, Tune
-from fopid_ros.adaptation import Adaptation
-from fopid_ros.autotune import Autotuner
 from fopid_ros.controller_client import ControllerClient
 from fopid_ros.diagnostics import diagnostic_array, diagnostic_status
-from fopid_ros.handover import Outcome
-from fopid_ros.loop_tap import LoopTap
-from fopid_ros.loop_wait import CancelledError, LoopWait, Stage
+from fopid_ros.learning.adaptation import Adaptation
+from fopid_ros.learning.autotune import Autotuner
+from fopid_ros.learning.handover import Outcome
+from fopid_ros.learning.loop_tap import LoopTap
+from fopid_ros.learning.loop_wait import CancelledError, LoopWait, Stage
 from fopid_ros.node import ManagedNode, latched_qos, run
 from fopid_ros.signals import header_stamp
 from fopid_ros.tuner_messages import (

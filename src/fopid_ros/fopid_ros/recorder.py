@@ -28,9 +28,9 @@ from rosbags.interfaces import (
 from rosbags.typesys import get_types_from_msg
 
 from fopid_core.errors import InputError
-from fopid_core.study.bag import SIMULATED_BELOW
-from fopid_core.study.bag_writer import BagWriter
-from fopid_core.study.rosbag2 import Topic, join_definitions
+from fopid_core.study.bags.bag import SIMULATED_BELOW
+from fopid_core.study.bags.rosbag2 import Topic, join_definitions
+from fopid_core.study.bags.writer import BagWriter
 
 DEFAULT_QOS = QoSProfile(depth=10_000)
 """Deep enough for a second of lockstep while the disk is slow."""

@@ -16,10 +16,10 @@ from fopid_msgs.action import Autotune
 from fopid_msgs.msg import Gains, LoopMeasures
 from fopid_msgs.msg import IdentifiedModel as IdentifiedModelMessage
 from fopid_msgs.srv import Tune
-from fopid_ros.autotune import AutotuneRequest
 from fopid_ros.controller_client import GAINS
-from fopid_ros.handover import Outcome, Terms
-from fopid_ros.live_experiment import EXCITATIONS, WantedExperiment
+from fopid_ros.learning.autotune import AutotuneRequest
+from fopid_ros.learning.handover import Outcome, Terms
+from fopid_ros.learning.live_experiment import EXCITATIONS, WantedExperiment
 
 
 def _given(request: Tune.Request, defaults: dict[str, Any], name: str) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from fopid_core.design.specification import METHODS, VIA
-from fopid_ros import loop_tap
+from fopid_ros.learning import loop_tap
 from fopid_ros.parameters import Spec
 
 ADAPT = ("off", "propose", "apply")

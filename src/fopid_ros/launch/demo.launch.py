@@ -8,7 +8,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from fopid_core.study.demonstration import demo_experiment
+from fopid_core.study.experiments.demonstration import demo_experiment
 from fopid_ros.demo import node_parameters
 from fopid_ros.experiment import run_folder
 

@@ -10,7 +10,7 @@ import numpy as np
 from fopid_core.design.identification_record import Record
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
-from fopid_core.study.run import Run
+from fopid_core.study.reports.run import Run
 
 NEEDED, OPTIONAL = ("time", "control", "measurement"), ("setpoint",)
 
@@ -37,7 +37,7 @@ def read_record(path: Path | str, namespace: str | None = None, control_before: 
         return Record(
             columns["time"], columns["control"], columns["measurement"], columns.get("setpoint"), control_before
         )
-    from fopid_core.study.bag import read_bag
+    from fopid_core.study.bags.bag import read_bag
 
     return record_of_run(read_bag(path, namespace), control_before)
 

@@ -177,7 +177,7 @@ def application(node: DashboardNode, access: Access) -> Application:
         node.get_logger().debug(f"{handler.get_status()} {request.method} {request.path} {request.remote_ip}")
 
     static = Path(str(resources.files("fopid_ros.dashboard"))) / "static"
-    report = Path(str(resources.files("fopid_core.study")))
+    report = Path(str(resources.files("fopid_core.study.reports")))
     return Application(
         [
             (r"/live", LiveHandler),

@@ -12,10 +12,10 @@ from fopid_core.model.indices import indices
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
 from fopid_core.model.stability import stability
-from fopid_core.study.experiment import read_experiment
+from fopid_core.study.experiments.experiment import read_experiment
+from fopid_core.study.experiments.simulate import simulate_experiment
 from fopid_core.study.reproduce.experiments import paper_experiments
 from fopid_core.study.reproduce.load_figures import setpoint_then_load
-from fopid_core.study.simulate import simulate_experiment
 
 FOLDER = Path(__file__).parents[4] / "config" / "experiments"
 

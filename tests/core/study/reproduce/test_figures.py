@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fopid_core.study.plotly_parts import BLUE, RED
+from fopid_core.study.reports.plotly_parts import BLUE, RED
 from fopid_core.study.reproduce.drawing import DOTTED_IS_GL, Curve, Mark, Panel, PaperFigure, interactive, write_files
 from fopid_core.study.reproduce.facts import printed_design, printed_tuning
 from fopid_core.study.reproduce.frequency_figures import figure_1, figure_8

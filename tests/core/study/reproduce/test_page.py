@@ -10,7 +10,7 @@ import pytest
 from fopid_core.study.reproduce.page import Reproduction, render
 
 from ..browser import NEEDS_BROWSER, open_in_browser
-from ..test_report import Outline
+from ..reports.test_report import Outline
 from .parts import small_reproduction
 
 

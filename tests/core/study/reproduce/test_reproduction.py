@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from fopid_core.cli import main
+from fopid_core.cli.main import main
 from fopid_core.study.reproduce import reproduction
 from fopid_core.study.reproduce.claims import Claim
 from fopid_core.study.reproduce.page import Reproduction

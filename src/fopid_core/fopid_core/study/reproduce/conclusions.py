@@ -19,7 +19,7 @@ from fopid_core.model.margins import margins
 from fopid_core.model.process import read_process
 from fopid_core.model.response import step_response
 from fopid_core.model.stability import stability
-from fopid_core.study.loop_figures import ISO_GAINS
+from fopid_core.study.reports.loop_figures import ISO_GAINS
 from fopid_core.study.reproduce.facts import (
     HORIZON,
     PROCESSES,

@@ -13,7 +13,18 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 
 from fopid_core.model.arrays import Floats
-from fopid_core.study.plotly_parts import BLUE, GREEN, GREY, RED, VIOLET, Figure, legend_above, line, note, segment
+from fopid_core.study.reports.plotly_parts import (
+    BLUE,
+    GREEN,
+    GREY,
+    RED,
+    VIOLET,
+    Figure,
+    legend_above,
+    line,
+    note,
+    segment,
+)
 
 OCHRE, PINK = "#b8901f", "#cf5f9a"
 COLOURS = (BLUE, RED, GREEN, VIOLET, OCHRE, PINK, GREY)

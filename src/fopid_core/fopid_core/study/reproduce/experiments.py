@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fopid_core.design.specification import NUMBERS
-from fopid_core.study.experiment import Experiment, Phase
+from fopid_core.study.experiments.experiment import Experiment, Phase
 from fopid_core.study.reproduce.facts import PROCESSES, printed_design, printed_tuning
 from fopid_core.study.reproduce.load_figures import LOAD_AT
 

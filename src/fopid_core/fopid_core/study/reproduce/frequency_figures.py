@@ -7,7 +7,7 @@ import numpy as np
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
-from fopid_core.study.plotly_parts import BLUE, GREY, RED
+from fopid_core.study.reports.plotly_parts import BLUE, GREY, RED
 from fopid_core.study.reproduce.drawing import Curve, Mark, Panel, PaperFigure
 from fopid_core.study.reproduce.facts import PROCESSES, PrintedDesign, printed_design, printed_designs, printed_tuning
 from fopid_core.study.reproduce.frequency_table import phase_margin_at

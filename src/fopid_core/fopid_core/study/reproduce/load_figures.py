@@ -12,7 +12,7 @@ from fopid_core.model.evaluation import PAPER_STEP
 from fopid_core.model.gruenwald import gl1_response
 from fopid_core.model.loop import Loop
 from fopid_core.model.response import Response, Source, step_response
-from fopid_core.study.plotly_parts import BLUE, RED
+from fopid_core.study.reports.plotly_parts import BLUE, RED
 from fopid_core.study.reproduce.drawing import Curve, Mark, Panel, PaperFigure, thinned
 from fopid_core.study.reproduce.facts import PROCESSES, printed_design, printed_tuning
 from fopid_core.study.reproduce.time_figures import TIME_LABEL, VISIBLE, with_legend

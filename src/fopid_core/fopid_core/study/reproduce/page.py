@@ -8,8 +8,8 @@ from html import escape
 from importlib import resources
 
 from fopid_core.model.process import TEST_BENCH
-from fopid_core.study.page import page
-from fopid_core.study.report_parts import equation, facts, plot
+from fopid_core.study.reports.page import page
+from fopid_core.study.reports.parts import equation, facts, plot
 from fopid_core.study.reproduce.drawing import PaperFigure, interactive
 from fopid_core.study.reproduce.errata import ERRATA, WORDING, Erratum
 from fopid_core.study.reproduce.table import Table, minus_signs

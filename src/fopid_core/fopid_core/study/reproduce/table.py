@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass
 from html import escape
 
-from fopid_core.study.segment_table import number
+from fopid_core.study.reports.segment_table import number
 
 Cell = str | float
 

@@ -10,7 +10,7 @@ from fopid_core.model.gruenwald import gl1_response
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process, read_process
 from fopid_core.model.response import step_response
-from fopid_core.study.plotly_parts import BLUE, GREEN, RED
+from fopid_core.study.reports.plotly_parts import BLUE, GREEN, RED
 from fopid_core.study.reproduce.drawing import COLOURS, DOTTED_IS_GL, Curve, Panel, PaperFigure, thinned
 from fopid_core.study.reproduce.facts import INDICES, PROCESSES, printed_design, printed_tuning
 

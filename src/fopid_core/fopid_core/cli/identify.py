@@ -1,0 +1,89 @@
+"""The verb ``fopid identify``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json
+from fopid_core.cli.output import emit
+
+if TYPE_CHECKING:
+    from fopid_core.design.identification import IdentifiedModel
+
+
+@click.command("identify", context_settings=ARGUMENTS)
+@click.argument("record", type=click.Path(path_type=Path))
+@click.option("--template", default="all", show_default=True, help="foptd, soptd, nioptd1, nioptd2, rational:N/M, all.")
+@click.option("--control-before", type=float, metavar="X", help="The control at rest before the record, if known.")
+@click.option("--from", "first", type=float, default=-math.inf, metavar="S", help="Use the record from here on.")
+@click.option("--to", "last", type=float, default=math.inf, metavar="S", help="Use the record up to here.")
+@click.option("--namespace", metavar="NAME", help="Which loop, when a bag holds several.")
+@as_json
+def identify_verb(
+    record: Path,
+    template: str,
+    control_before: float | None,
+    first: float,
+    last: float,
+    namespace: str | None,
+    as_json: bool,
+) -> None:
+    """Learn the process from a record: a csv file with time, control, measurement, or a bag."""
+    from fopid_core.design.identification import identify
+    from fopid_core.study.records import read_record
+
+    signals = read_record(record, namespace, control_before)
+    found = identify(signals.part(first, last) if math.isfinite(first) or math.isfinite(last) else signals, template)
+    models = [_rows(model) for model in found.models]
+    best = found.best
+    verdict = {
+        "success": found.success,
+        "message": found.message,
+        "template": best.template if best else None,
+        "process": str(best.process) if best else None,
+        "fit_pct": best.fit_pct if best else None,
+        "elapsed_s": found.elapsed,
+    }
+    tables: list[tuple[str, Mapping[str, Any]]] = [(model.template, _table(model)) for model in found.models]
+    shown = verdict | {"process": _readable(best)}
+    emit(verdict | {"models": models}, [*tables, ("Identified" if found.success else "Refused", shown)], as_json)
+    if not found.success:
+        click.get_current_context().exit(CANNOT_BE_MET)
+
+
+def _readable(model: IdentifiedModel | None) -> str | None:
+    """The process with as many digits as people read."""
+    if model is None:
+        return None
+    return str(model.structure.process_of({name: float(f"{value:.5g}") for name, value in model.parameters.items()}))
+
+
+def _rows(model: IdentifiedModel) -> dict[str, Any]:
+    return {
+        "template": model.template,
+        "process": str(model.process),
+        "parameters": dict(model.parameters),
+        "deviations": dict(model.deviations),
+        "fit_pct": model.fit_pct,
+        "white": model.whiteness.white,
+        "white_p_value": model.whiteness.p_value,
+        "noise": model.noise,
+        "crossover": model.crossover,
+        "deviation_at_crossover": model.deviation,
+    }
+
+
+def _table(model: IdentifiedModel) -> dict[str, Any]:
+    rows: dict[str, Any] = {
+        name: f"{value:.5g} ± {model.deviations[name]:.2g}" for name, value in model.parameters.items()
+    }
+    return rows | {
+        "fit on held-back samples [%]": model.fit_pct,
+        "residual": f"{'white' if model.whiteness.white else 'not white'}, {model.noise:.3g}",
+        "uncertainty at crossover [%]": 100.0 * model.deviation,
+    }

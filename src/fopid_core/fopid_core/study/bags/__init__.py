@@ -1,0 +1,1 @@
+"""Recordings: reading, writing and mending rosbag2 bags."""

@@ -1,0 +1,166 @@
+"""The files of a bag, ready to be read: one or several, compressed, cut off, with or without ``metadata.yaml``."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sqlite3
+import struct
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import apsw
+import zstandard
+from mcap.exceptions import McapError
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.typesys import TypesysError
+
+from fopid_core.errors import InputError
+from fopid_core.study.bags import mcap_repair, sqlite_repair
+from fopid_core.study.bags.rosbag2 import read_custom_data, read_file_names
+
+if sys.version_info >= (3, 14):  # rosbags reads with it, and with apsw
+    from compression.zstd import ZstdError
+else:
+    from backports.zstd import ZstdError
+
+STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
+"""File suffix -> storage plugin."""
+
+REPAIRED = "repaired"
+"""Entry of the custom data of a bag that was cut off and has been mended."""
+
+COMPRESSED = ".zstd"
+_ZSTD = bytes.fromhex("28b52ffd")  # how all that is compressed begins
+
+UNREADABLE = (
+    ReaderError, TypesysError, McapError, apsw.Error, sqlite3.Error, ZstdError, zstandard.ZstdError, OSError,
+    UnicodeDecodeError, struct.error, LookupError, ArithmeticError, MemoryError,
+)  # fmt: skip
+"""What opening or reading a damaged file may raise."""
+
+
+@dataclass(frozen=True)
+class BagFiles:
+    """An opened bag.
+
+    Attributes
+    ----------
+    readers : tuple of Reader
+        One for each file, in order.
+    custom : dict
+        The bag's custom data: texts by name.
+    whole : bool
+        Whether the recording came to an orderly end.
+    """
+
+    readers: tuple[Reader, ...]
+    custom: dict[str, str]
+    whole: bool
+
+    @property
+    def connections(self) -> list[Connection]:
+        """Those of all files."""
+        return [connection for reader in self.readers for connection in reader.connections]
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[BagFiles]:
+    """Open a bag's folder or one of its files; nothing in it is changed.
+
+    Each file is read for itself: its own index and definitions are what counts, not ``metadata.yaml``, which a
+    recorder that was killed has not written.
+
+    Raises
+    ------
+    InputError
+        If it is no bag, or damaged beyond a missing end.
+    """
+    if not path.exists():
+        raise InputError(f"bag {str(path)!r} does not exist")
+    with TemporaryDirectory() as folder, ExitStack() as stack:
+        try:
+            files = files_of(path)
+            prepared = [_prepared(file, Path(folder, str(i))) for i, file in enumerate(files)]
+            readers = tuple(stack.enter_context(Reader(file)) for file in prepared)
+            custom = read_custom_data(path if path.is_dir() else path.parent)
+            yield BagFiles(readers, custom, whole=all(map(is_whole, files)) and REPAIRED not in custom)
+        except UNREADABLE as error:
+            raise InputError(f"bag {str(path)!r} cannot be read: {one_line(error)}") from None
+
+
+def files_of(path: Path) -> list[Path]:
+    """The files that hold the messages, in order.
+
+    Raises
+    ------
+    InputError
+        If there are none, or one that ``metadata.yaml`` names is missing.
+    """
+    if path.is_file():
+        return [path]
+    found = [file for file in path.iterdir() if plain_name(file).suffix in STORAGES]
+    # While a file is being compressed, both are there.
+    found = [file for file in found if file.suffix != COMPRESSED or plain_name(file) not in found]
+    if missing := [
+        name for name in read_file_names(path) if path / plain_name(Path(name)) not in map(plain_name, found)
+    ]:
+        raise InputError(f"bag {str(path)!r} lacks its file {missing[0]!r}")
+    if not found:
+        names = sorted(item.name for item in path.iterdir())
+        holds = ", ".join(names[:5]) + (" and more" if len(names) > 5 else "") if names else "nothing"
+        raise InputError(f"{str(path)!r} is no bag, it holds {holds}; allowed: a folder with .mcap or .db3 files")
+    return sorted(
+        found, key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
+    )
+
+
+def plain_name(file: Path) -> Path:
+    """The name without the ending of a compressed file."""
+    return file.with_suffix("") if file.suffix == COMPRESSED else file
+
+
+def one_line(error: Exception) -> str:
+    """What an error says, or what it is called when it says nothing."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def is_compressed(message: bytes) -> bool:
+    """Whether a message is compressed by itself; a plain one begins with the byte 0 of its encapsulation."""
+    return message[:4] == _ZSTD
+
+
+def decompress(file: Path, plain: Path) -> None:
+    """Write what a compressed file holds."""
+    with file.open("rb") as source, plain.open("wb") as out:
+        zstandard.ZstdDecompressor().copy_stream(source, out)
+
+
+def is_whole(file: Path) -> bool:
+    """Whether a file of a bag was closed in good order."""
+    if file.suffix == ".mcap":
+        return mcap_repair.is_whole(file)
+    return sqlite_repair.is_settled(file)
+
+
+def _prepared(file: Path, folder: Path) -> Path:
+    """The file itself, or a copy in ``folder`` that can be read."""
+    if file.suffix != COMPRESSED and is_whole(file):
+        return file
+    folder.mkdir()
+    copy = folder / plain_name(file).name
+    if file.suffix == COMPRESSED:
+        decompress(file, copy)
+        return copy
+    for part in (file, *sqlite_repair.besides(file)):
+        shutil.copy(part, folder)
+    if file.suffix == ".mcap":
+        mcap_repair.repair_file(copy)
+    else:
+        sqlite_repair.settle(copy)
+    return copy

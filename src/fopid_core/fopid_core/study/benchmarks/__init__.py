@@ -1,0 +1,1 @@
+"""How fast the core is, each figure beside a baseline."""

@@ -1,0 +1,1 @@
+"""Thousands of runs from one file."""

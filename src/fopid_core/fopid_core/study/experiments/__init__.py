@@ -1,0 +1,1 @@
+"""Experiment files, and running them without ROS."""
