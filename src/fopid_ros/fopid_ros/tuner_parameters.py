@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from fopid_core.design.specification import METHODS, VIA
+from fopid_core.study.experiments.tune_call import MS_MAX, TICKS
 from fopid_ros.learning import loop_tap
 from fopid_ros.parameters import Spec
 
@@ -30,10 +31,10 @@ SPECS = (
     Spec("rule", "", "name of the tuning rule"),
     Spec("timeout", 30.0, "give the best found after this long, marked unsuccessful [s]", 1e-3, 1e6),
     Spec("sample_time", 0.01, "tick of the controller that will run the gains [s]", 1e-6, 1e6),
-    Spec("verify.ms_max", 4.0, "gains with a larger max |S| are not applied", 1.0, 1e6),
+    Spec("verify.ms_max", MS_MAX, "gains with a larger max |S| are not applied", 1.0, 1e6),
     Spec("verify.worst_ms_max", 2.5, "the same, on every process that a record leaves possible", 1.0, 1e6),
     Spec("verify.worst_phase_margin", math.radians(30.0), "least phase margin there [rad]", 0.0, math.pi),
-    Spec("verify.ticks", 2.0, "gains with a delay margin of fewer ticks are not applied", 0.0, 1e6),
+    Spec("verify.ticks", TICKS, "gains with a delay margin of fewer ticks are not applied", 0.0, 1e6),
     Spec("autotune.excitation", "prbs", "how ~/autotune moves the loop", choices=("prbs", "relay", "step")),
     Spec("autotune.amplitude", 0.0, "how far it moves the control; 0 finds out", 0.0, 1e9),
     Spec("autotune.deviation_max", 0.0, "distance from setpoint that ends it; 0: a tenth of the setpoint", 0.0, 1e9),
