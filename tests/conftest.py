@@ -1,4 +1,4 @@
-"""How the tests share the cores when they run in parallel."""
+"""What holds for all tests."""
 
 from __future__ import annotations
 
@@ -10,14 +10,11 @@ ROS = Path(__file__).parent / "ros"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests of a file on one worker, and all that start ROS nodes on one: they share the loopback.
+    """Mark what starts ROS nodes, and try it once more when it fails; the summary counts that as a rerun.
 
-    Discovery and timers may lose against a busy neighbour on the machine: what runs nodes is tried once more when
-    it fails, and the summary counts that as a rerun.
+    Discovery and timers may lose against a busy neighbour on the machine.
     """
     for item in items:
-        over_ros = ROS in item.path.parents
-        if over_ros:
+        if ROS in item.path.parents:
             item.add_marker(pytest.mark.ros)
             item.add_marker(pytest.mark.flaky(reruns=1))
-        item.add_marker(pytest.mark.xdist_group("ros" if over_ros else str(item.path)))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +28,15 @@ from fopid_msgs.srv import Advance
 from fopid_ros.processes import ros_arguments
 
 BIN = Path(sys.executable).parent
+_DOMAINS = itertools.islice(itertools.cycle(range(1, 101)), os.getpid() % 100, None)
 PATIENCE = 60.0
 SETTLE = 0.3  # [s] a server may find a new client a little later than the client finds it; its answer would be lost
 DEEP = QoSProfile(depth=100_000)
+
+
+def own_domain() -> AbstractContextManager[int]:
+    """A ROS domain that nobody else uses, nor the test before: what was killed there is announced for a while yet."""
+    return domain_id(lambda: next(_DOMAINS))
 
 
 class Graph:
@@ -187,7 +195,7 @@ class LockstepLoop:
 
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[Graph]:
-    with domain_id() as domain:
+    with own_domain() as domain:
         graph = Graph(domain, tmp_path)
         try:
             yield graph

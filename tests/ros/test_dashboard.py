@@ -16,7 +16,7 @@ from tornado.httpclient import HTTPClientError
 
 from fopid_msgs.msg import FopidState, ScalarStamped
 
-from .conftest import BIN, Graph, LockstepLoop
+from .conftest import BIN, Graph, LockstepLoop, own_domain
 from .live_page import Dashboard, Reader
 
 PI = {"kp": 0.68, "ki": 0.29}
@@ -27,9 +27,8 @@ START = [0.68, 0.29, 0.0, 1.0, 1.0]
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Graph, Dashboard]]:
     """A running loop with its dashboard, for tests that leave the gains as they are."""
-    from domain_coordinator import domain_id
 
-    with domain_id() as domain:
+    with own_domain() as domain:
         graph = Graph(domain, tmp_path_factory.mktemp("graph"))
         try:
             graph.start("plant_simulator", {"process": "P1"})
@@ -45,9 +44,8 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Graph, Da
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Graph, Dashboard]]:
     """A dashboard without a loop, and with a token of one's own."""
-    from domain_coordinator import domain_id
 
-    with domain_id() as domain:
+    with own_domain() as domain:
         graph = Graph(domain, tmp_path_factory.mktemp("graph"))
         graph.environment["FOPID_DASHBOARD_TOKEN"] = "a token of one's own"
         try:

@@ -15,7 +15,7 @@ from fopid_core.model.process import read_process
 from fopid_msgs.msg import FopidState
 
 from .browser import NEEDS_BROWSER, Browser, Page
-from .conftest import Graph
+from .conftest import Graph, own_domain
 from .live_page import Dashboard
 
 pytestmark = NEEDS_BROWSER
@@ -77,9 +77,8 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def module_loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loop3]:
-    from domain_coordinator import domain_id
 
-    with domain_id() as domain:
+    with own_domain() as domain:
         graph = Graph(domain, tmp_path_factory.mktemp("graph"))
         try:
             yield Loop3(graph)

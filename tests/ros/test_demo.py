@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from domain_coordinator import domain_id
 
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
@@ -23,7 +22,7 @@ from fopid_core.study.bags.bag import read_bag
 from fopid_core.study.experiments.demonstration import demo_experiment
 from fopid_ros.demo import only_demonstration
 
-from .conftest import BIN, Graph
+from .conftest import BIN, Graph, own_domain
 
 
 def environment(domain: int) -> dict[str, str]:
@@ -33,7 +32,7 @@ def environment(domain: int) -> dict[str, str]:
 @pytest.mark.parametrize("process", ["P1", "9/((s+1)(s^2+2s+9)) * exp(-0.1s)"])
 def test_demo_tunes_twice_records_and_reports(tmp_path: Path, process: str) -> None:
     out = tmp_path / "run"
-    with domain_id() as domain:
+    with own_domain() as domain:
         ended = subprocess.run([BIN / "fopid_demo", "--process", process, "--out", out], env=environment(domain),
                                capture_output=True, text=True, timeout=100, check=False)  # fmt: skip
     assert ended.returncode == 0, ended.stderr
@@ -90,7 +89,7 @@ def replayed(experiment, tunings, samples: int) -> list[float]:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_leaves_no_process_and_a_bag_that_opens(tmp_path: Path, after: float, number: int) -> None:
     out = tmp_path / "run"
-    with domain_id() as domain:
+    with own_domain() as domain:
         demo = subprocess.Popen([BIN / "fopid_demo", "--out", out], env=environment(domain), stderr=subprocess.PIPE,
                                 stdout=subprocess.PIPE, text=True)  # fmt: skip
         time.sleep(after)
@@ -108,7 +107,7 @@ def test_an_interrupt_leaves_no_process_and_a_bag_that_opens(tmp_path: Path, aft
 
 
 def test_a_killed_demo_leaves_no_process(tmp_path: Path) -> None:
-    with domain_id() as domain:
+    with own_domain() as domain:
         demo = subprocess.Popen([BIN / "fopid_demo", "--out", tmp_path / "run"], env=environment(domain),
                                 stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)  # fmt: skip
         time.sleep(3.5)
@@ -162,7 +161,7 @@ def test_a_domain_in_use_by_another_loop_is_said(graph: Graph, tmp_path: Path) -
 
 
 def test_a_second_demo_on_the_same_domain_starts_nothing(tmp_path: Path) -> None:
-    with domain_id() as domain, only_demonstration(str(domain)):
+    with own_domain() as domain, only_demonstration(str(domain)):
         ended = subprocess.run([BIN / "fopid_demo", "--out", tmp_path / "run"], env=environment(domain),
                                capture_output=True, text=True, timeout=60, check=False)  # fmt: skip
     assert ended.returncode == 2
@@ -173,7 +172,7 @@ def test_a_second_demo_on_the_same_domain_starts_nothing(tmp_path: Path) -> None
 def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
     out = tmp_path / "run"
     limited = f'ulimit -f 300; exec "{BIN / "fopid_demo"}" --process P4 --out "{out}"'  # files of 300 blocks at most
-    with domain_id() as domain:
+    with own_domain() as domain:
         ended = subprocess.run(["bash", "-c", limited], env=environment(domain), capture_output=True, text=True,
                                timeout=100, check=False)  # fmt: skip
     assert "recording stopped" in ended.stderr, ended.stderr

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
-from domain_coordinator import domain_id
 
 from fopid_core.model.process import read_process
 from fopid_core.study.bags.bag import read_bag
@@ -29,7 +28,7 @@ from fopid_ros.plant_simulator import SPECS as PLANT_SPECS
 from fopid_ros.tuner_messages import tuning_request
 from fopid_ros.tuner_parameters import SPECS as TUNER_SPECS
 
-from .conftest import BIN
+from .conftest import BIN, own_domain
 
 EVERYTHING = Experiment(
     "2/((s+1)(0.3s+1)) * exp(-0.123s)",
@@ -61,7 +60,7 @@ def run(experiment: Experiment, folder: Path, *more: str) -> subprocess.Complete
     folder.mkdir(exist_ok=True)
     file = folder / "file.yaml"
     file.write_text(experiment.to_yaml())
-    with domain_id() as domain:
+    with own_domain() as domain:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         return subprocess.run([BIN / "experiment", file, "--start-nodes", "--out", folder / "run", *more],
                               env=environment, capture_output=True, text=True, timeout=110, check=False)  # fmt: skip
@@ -163,7 +162,7 @@ def test_values_that_come_ahead_wait_for_their_sample_and_others_do_not() -> Non
 
 def test_the_end_of_a_recording_that_comes_late_is_waited_for() -> None:
     samples, late = 150, 1.5
-    with domain_id() as domain:
+    with own_domain() as domain:
         rclpy.init(domain_id=domain)
         node = ExperimentNode(Experiment("P1", (Phase("all", samples * 0.01),), sample_time=0.01))
         come, last = time.monotonic() + late, (samples - 1) * 10_000_000

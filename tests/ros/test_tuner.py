@@ -17,7 +17,7 @@ from fopid_msgs.msg import TuningResult
 from fopid_msgs.srv import Reduce, Tune
 from fopid_ros.node import latched_qos
 
-from .conftest import Graph, LockstepLoop
+from .conftest import Graph, LockstepLoop, own_domain
 
 PI = {"kp": 0.68, "ki": 0.29}
 GAINS = ("kp", "ki", "kd", "lam", "mu")
@@ -162,9 +162,8 @@ def test_new_gains_are_taken_without_a_bump(graph: Graph) -> None:
 
 @pytest.fixture(scope="module")
 def shared_graph(tmp_path_factory: pytest.TempPathFactory):
-    from domain_coordinator import domain_id
 
-    with domain_id() as domain:
+    with own_domain() as domain:
         graph = Graph(domain, tmp_path_factory.mktemp("graph"))
         try:
             graph.start("fopid_controller", PI)
