@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +18,8 @@ from fopid_ros.processes import Children, command, ros_arguments
 
 if TYPE_CHECKING:
     from fopid_core.study.experiments.experiment import Experiment
+
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 
 
 def node_parameters(experiment: Experiment) -> dict[str, dict[str, object]]:
@@ -75,9 +76,17 @@ def only_demonstration(domain: str) -> Iterator[None]:
 
 
 def _watch(children: Children) -> int:
-    """Until the experiment ends; a node that ends before it ends the demonstration."""
-    while (ended := children.ended()) is None:
-        time.sleep(0.05)
+    """Until the experiment ends; a node that ends before it ends the demonstration.
+
+    An interrupt is heard between two looks: in the midst of one it could leave the lock of a child taken for ever.
+    """
+    signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
+    try:
+        while (ended := children.ended()) is None:
+            if signal.sigtimedwait(INTERRUPTS, 0.05) is not None:
+                raise KeyboardInterrupt
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTS)
     name, code = ended
     if name != "experiment":
         print(f"error: {name} ended with code {code}; see its message above", file=sys.stderr)
@@ -102,7 +111,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def interruptible(work: Callable[[], int]) -> int:
     """Exit code of some work: 2 for bad input, in one line, 130 when it is interrupted or told to end."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in INTERRUPTS:
         signal.signal(number, _raise_interrupt)
     try:
         return work()
