@@ -20,7 +20,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Through the environment, so that brackets, ^, spaces and quotes reach the command as typed.
 export PROCESS
 
-PYTEST = "$(BIN)/python" -m pytest --numprocesses auto --dist worksteal
+PYTEST = "$(BIN)/python" -m pytest --numprocesses auto --dist loadfile
 
 .PHONY: help
 help: ## Show this list
