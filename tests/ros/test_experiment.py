@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 import rclpy
 
+from fopid_core.design.acceptance import MS_MAX, TICKS
 from fopid_core.model.process import read_process
 from fopid_core.study.bags.bag import read_bag
 from fopid_core.study.experiments.experiment import Experiment, Phase
 from fopid_core.study.experiments.loop_parameters import CONTROLLER_KEYS, PLANT_KEYS, SETTING_KEYS
 from fopid_core.study.experiments.profiles import Bag, Ramp, Sine, Steps
 from fopid_core.study.experiments.simulate import replayed, simulate_experiment
-from fopid_core.study.experiments.tune_call import MS_MAX, TICKS, TuneCall
+from fopid_core.study.experiments.tune_call import TuneCall
 from fopid_core.study.reports.run import Signal
 from fopid_ros.ahead import Ahead
 from fopid_ros.controller_parameters import SPECS as CONTROLLER_SPECS

@@ -70,11 +70,15 @@ def learnt() -> IdentificationResult:
     return identify(Record(time, control, measured), "foptd")  # type: ignore[arg-type]
 
 
-def handed_over(running: Running, learnt: IdentificationResult) -> tuple[Handover, Outcome]:
+def handover_of(running: Running, least_ticks: float = 2.0) -> Handover:
     controller = Controller(OLD, SAMPLE_TIME, -math.inf, math.inf)
-    terms = Terms(TuningRequest(read_process("P1")), RobustLimits(), 2.0)
+    terms = Terms(TuningRequest(read_process("P1")), RobustLimits(), least_ticks)
     loop: Any = running
-    handover = Handover(loop, loop, loop, controller, terms)
+    return Handover(loop, loop, loop, controller, terms)
+
+
+def handed_over(running: Running, learnt: IdentificationResult) -> tuple[Handover, Outcome]:
+    handover = handover_of(running)
     outcome = handover.design(learnt)
     assert outcome.success, outcome.message
     return handover, outcome
@@ -85,6 +89,12 @@ def quiet() -> Any:
     for k in range(200):
         meter.step(1.0, 1.0 + 0.01 * math.sin(0.3 * k), saturated=False)
     return meter.figures
+
+
+def test_a_design_that_leaves_too_few_ticks_is_refused(learnt: IdentificationResult) -> None:
+    outcome = handover_of(Running(lambda _: 1.0), least_ticks=1e4).design(learnt)
+    assert not outcome.success
+    assert "is below 100 s (verify.ticks)" in outcome.message
 
 
 def test_gains_under_which_the_loop_stays_as_good_are_kept(learnt: IdentificationResult) -> None:

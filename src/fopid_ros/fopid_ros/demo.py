@@ -123,9 +123,8 @@ def interruptible(work: Callable[[], int]) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from fopid_core.study.experiments.demonstration import (
-        demo_experiment,  # slow to import: an interrupt is heard before
-    )
+    # Slow to import: an interrupt is heard before.
+    from fopid_core.study.experiments.demonstration import demo_experiment
     from fopid_core.study.experiments.experiment import run_folder
 
     experiment = demo_experiment(options.process, options.trigger)

@@ -19,13 +19,13 @@ from rclpy.executors import Executor, MultiThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
+from fopid_core.design.acceptance import refusal
 from fopid_core.design.identification import IdentifiedModel, identify
 from fopid_core.design.reduction import preferred, reduce, reduce_all
 from fopid_core.design.tuner import TuningRequest, tune
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process, read_process
-from fopid_core.study.experiments.tune_call import refusal
 from fopid_msgs.action import Autotune
 from fopid_msgs.msg import ReducedModel
 from fopid_msgs.msg import TuningResult as TuningResultMessage

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from fopid_core.design.acceptance import MS_MAX, TICKS
 from fopid_core.design.specification import METHODS, VIA
-from fopid_core.study.experiments.tune_call import MS_MAX, TICKS
 from fopid_ros.learning import loop_tap
 from fopid_ros.parameters import Spec
 

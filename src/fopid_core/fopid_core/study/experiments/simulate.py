@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fopid_core.design.acceptance import refusal
 from fopid_core.design.specification import Achieved, TuningResult
 from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError
@@ -24,7 +25,7 @@ from fopid_core.runtime.simulation import Trace, simulate
 from fopid_core.study.experiments.experiment import SOURCES, Experiment, Phase
 from fopid_core.study.experiments.loop_parameters import GAINS, controller_settings, plant_settings
 from fopid_core.study.experiments.profiles import Steps
-from fopid_core.study.experiments.tune_call import TuneCall, refusal
+from fopid_core.study.experiments.tune_call import TuneCall
 from fopid_core.study.reports import run
 from fopid_core.study.reports.run import Run, Signal
 

@@ -5,17 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from fopid_core.design.specification import Bound, TuningRequest, TuningResult, one_of, require
+from fopid_core.design.specification import Bound, TuningRequest, one_of, require
 from fopid_core.model.process import Process
 
 TIMEOUT = 30.0
 """Of the tuner's node [s]."""
-
-MS_MAX = 4.0
-"""Gains with a larger max |S| are not applied: ``verify.ms_max`` of the tuner's node."""
-
-TICKS = 2.0
-"""Gains with a delay margin of fewer ticks are not applied: ``verify.ticks`` of the tuner's node."""
 
 
 @dataclass(frozen=True)
@@ -78,30 +72,3 @@ class TuneCall:
 def _bound(name: str, db: float, frequency: float) -> Bound | None:
     require(bool(frequency) or not db, f"{name}_frequency", frequency, f"above 0 rad/s, since {name}_db is given")
     return Bound(db, frequency) if frequency else None
-
-
-def refusal(result: TuningResult, sample_time: float, ms_max: float = MS_MAX, ticks: float = TICKS) -> str:
-    """Why a design is not applied; empty when it may be.
-
-    Parameters
-    ----------
-    result : TuningResult
-    sample_time : float
-        Tick of the controller [s]. A held control is half a tick late, and its messages up to another.
-    ms_max : float
-        Largest max |S|.
-    ticks : float
-        Least delay margin, in ticks.
-    """
-    if result.controller is None or not result.stable:
-        return "not applied: no stable design"
-    if not result.success:
-        return "not applied: the specification is not met"
-    if result.achieved is None or result.achieved.ms > ms_max:
-        ms = math.nan if result.achieved is None else result.achieved.ms
-        return f"not applied: Ms = {ms:.3g} is above verify.ms_max = {ms_max:g}"
-    least = ticks * sample_time
-    if result.achieved.delay_margin < least:
-        too_small = f"delay margin {result.achieved.delay_margin:.3g} s is below {least:.3g} s (verify.ticks)"
-        return f"not applied: {too_small}; the loop may be unstable as it runs"
-    return ""
