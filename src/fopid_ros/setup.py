@@ -6,14 +6,14 @@ from setuptools import find_packages, setup
 from distutils.command.install_data import install_data  # isort: skip  (setuptools provides it)
 
 EXECUTABLES = {
-    "plant_simulator": "plant_simulator",
-    "fopid_controller": "fopid_controller",
-    "fopid_tuner": "fopid_tuner",
-    "autotune": "autotune_command",
-    "experiment": "experiment",
+    "plant_simulator": "plant.node",
+    "fopid_controller": "controller.node",
+    "fopid_tuner": "tuner.node",
+    "autotune": "tuner.autotune_command",
+    "experiment": "experiment.command",
     "dashboard": "dashboard.main",
-    "fopid_demo": "demo",
-    "fopid_ros_benchmark": "benchmark",
+    "fopid_demo": "experiment.demo",
+    "fopid_ros_benchmark": "benchmarks.benchmark",
 }
 
 manifest = ET.parse(Path(__file__).with_name("package.xml")).getroot()

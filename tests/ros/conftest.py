@@ -25,7 +25,7 @@ from rclpy.task import Future
 
 from fopid_msgs.msg import FopidState, ScalarStamped
 from fopid_msgs.srv import Advance
-from fopid_ros.processes import ros_arguments
+from fopid_ros.experiment.child_processes import ros_arguments
 
 BIN = Path(sys.executable).parent
 _DOMAINS = itertools.islice(itertools.cycle(range(1, 101)), os.getpid() % 100, None)

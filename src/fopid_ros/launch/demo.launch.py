@@ -9,8 +9,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from fopid_core.study.experiments.demonstration import demo_experiment
-from fopid_ros.demo import node_parameters
-from fopid_ros.experiment import run_folder
+from fopid_ros.experiment.command import run_folder
+from fopid_ros.experiment.with_nodes import node_parameters
 
 
 def start(context):

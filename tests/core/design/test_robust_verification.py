@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from fopid_core.design.identification import IdentificationResult, identify
+from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.robust_verification import (
     RobustLimits,
     possible_processes,
@@ -19,7 +19,7 @@ from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process, read_process
 
-from .recorded import step_record
+from .identification.recorded import step_record
 
 LIMITS = RobustLimits(samples=20)
 

@@ -13,7 +13,7 @@ from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json
 from fopid_core.cli.output import emit
 
 if TYPE_CHECKING:
-    from fopid_core.design.identification import IdentifiedModel
+    from fopid_core.design.identification.identify import IdentifiedModel
 
 
 @click.command("identify", context_settings=ARGUMENTS)
@@ -34,7 +34,7 @@ def identify_verb(
     as_json: bool,
 ) -> None:
     """Learn the process from a record: a csv file with time, control, measurement, or a bag."""
-    from fopid_core.design.identification import identify
+    from fopid_core.design.identification.identify import identify
     from fopid_core.study.records import read_record
 
     signals = read_record(record, namespace, control_before)

@@ -73,11 +73,11 @@ Method = Callable[[TuningRequest, Progress, Expired], Proposal]
 
 def _method(name: str) -> Method:
     if name == "frequency":
-        from fopid_core.design.frequency_proposal import propose_frequency
+        from fopid_core.design.frequency.proposal import propose_frequency
 
         return propose_frequency
     if name == "time":
-        from fopid_core.design.time_proposal import propose_time
+        from fopid_core.design.time.proposal import propose_time
 
         return propose_time
     from fopid_core.design.rules import propose_rule

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fopid_core.design.identification_record import Record
+from fopid_core.design.identification.record import Record
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.study.reports.run import Run

@@ -22,10 +22,10 @@ from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 
 from fopid_core.errors import InputError
+from fopid_ros.common.managed_node import check_domain
 from fopid_ros.dashboard.access import Access, chosen_token
 from fopid_ros.dashboard.node import SPECS, DashboardNode
 from fopid_ros.dashboard.web import LARGEST_REQUEST, PERIOD, application, close_browsers
-from fopid_ros.node import check_domain
 
 TOKEN_VARIABLE = "FOPID_DASHBOARD_TOKEN"
 DEFAULT_PORT = 8077

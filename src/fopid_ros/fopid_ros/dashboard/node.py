@@ -18,12 +18,12 @@ from rclpy.subscription import Subscription
 from fopid_core.errors import InputError
 from fopid_msgs.msg import FopidState, TuningResult
 from fopid_msgs.srv import Tune
+from fopid_ros.common.managed_node import latched_qos
+from fopid_ros.common.parameters import Spec, declare
+from fopid_ros.common.signals import SignalType, signal_specs
 from fopid_ros.dashboard.history import History
 from fopid_ros.dashboard.remote import LOOK_AGAIN, RefusedError, Remote, answer
 from fopid_ros.dashboard.undo import Undo
-from fopid_ros.node import latched_qos
-from fopid_ros.parameters import Spec, declare
-from fopid_ros.signals import SignalType, signal_specs
 
 GAINS = ("kp", "ki", "kd", "lam", "mu")
 TUNER_DEFAULTS = ("process", "method", "phase_margin", "crossover", "index", "ms_max", "u_max")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from fopid_core.design.identification_record import Record
+from fopid_core.design.identification.record import Record
 from fopid_core.study.benchmarks.identification import curve_fit_nioptd2, simulate
 
 

@@ -10,13 +10,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fopid_core.design.frequency_tuning import tune_frequency
-from fopid_core.design.objectives import Objective
+from fopid_core.design.frequency.tuning import tune_frequency
 from fopid_core.design.reduction import reduce_all
-from fopid_core.design.search_response import ResponseGrid
 from fopid_core.design.specification import Bound, FrequencySpecification
-from fopid_core.design.time_problem import TimeProblem, TimeSpecification
-from fopid_core.design.time_tuning import tune_time
+from fopid_core.design.time.objectives import Objective
+from fopid_core.design.time.problem import TimeProblem, TimeSpecification
+from fopid_core.design.time.search_response import ResponseGrid
+from fopid_core.design.time.tuning import tune_time
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.indices import indices
 from fopid_core.model.loop import Loop
@@ -154,7 +154,7 @@ def _other_tunings() -> list[Figure]:
 
 def _identification(with_baseline: bool) -> list[Figure]:
     """P1 learnt from a noisy step of 5,000 samples."""
-    from fopid_core.design.identification import identify
+    from fopid_core.design.identification.identify import identify
     from fopid_core.study.benchmarks.identification import SAMPLES, compare, step_record
 
     name = f"identification from {SAMPLES:,} samples"

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.optimize import curve_fit
 from scipy.signal import lsim
 
-from fopid_core.design.identification import identify
-from fopid_core.design.identification_record import Record
+from fopid_core.design.identification.identify import identify
+from fopid_core.design.identification.record import Record
 
 Real = NDArray[np.float64]
 

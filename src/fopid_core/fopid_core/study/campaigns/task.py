@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover
 from fopid_core.design.specification import TuningResult
-from fopid_core.design.time_proposal import DELAYS, TURNS
+from fopid_core.design.time.proposal import DELAYS, TURNS
 from fopid_core.design.tuner import tune
 from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.model.fopid import Fopid

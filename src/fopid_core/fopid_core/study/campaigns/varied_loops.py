@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fopid_core.design.control_peak import first_control
 from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover
-from fopid_core.design.search_response import ResponseGrid
+from fopid_core.design.time.search_response import ResponseGrid
 from fopid_core.model.arrays import Booleans, Complexes, Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.indices import rise_time, settling_time

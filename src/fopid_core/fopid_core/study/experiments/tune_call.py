@@ -44,7 +44,7 @@ class TuneCall:
         """
         require(0.0 <= self.phase_margin_deg < 180.0, "phase_margin_deg", self.phase_margin_deg, "above 0, below 180")
         if self.index:
-            from fopid_core.design.objectives import OBJECTIVES
+            from fopid_core.design.time.objectives import OBJECTIVES
 
             one_of("index", self.index, OBJECTIVES)
         if self.rule:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fopid_core.design.search_response import ResponseGrid
+from fopid_core.design.time.search_response import ResponseGrid
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import Margins, margins

@@ -1,0 +1,1 @@
+"""The process learnt from recorded signals."""

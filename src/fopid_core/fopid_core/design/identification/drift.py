@@ -1,0 +1,104 @@
+"""Does a model still explain the process: its error on new data beside that on the data it was learnt from."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, identify
+from fopid_core.design.identification.quality import fit_pct
+from fopid_core.design.identification.record import Record
+from fopid_core.design.identification.response import RecordResponse, Start
+from fopid_core.design.specification import Clock
+from fopid_core.model.arrays import Floats
+
+WORSE = 1.4
+"""A model is doubted when its error is so many times what it was."""
+BETTER = 0.7
+"""And has drifted when one learnt from the new data has at most this share of its error: noise and disturbances that
+no model explains are no drift."""
+_MATERIAL = 0.05
+"""And this share of the measurement's spread."""
+_LEARNT = 0.07
+"""A new model is proposed when its error is at most this share of the measurement's spread, or twice what it was."""
+_EXCITED = 3.0
+"""The process must have moved by so many times the noise for anything to be said."""
+
+
+@dataclass(frozen=True)
+class Drift:
+    """What new data say about a model.
+
+    Attributes
+    ----------
+    drifted : bool or None
+        Whether another model explains the data and this one does not; None where they do not tell.
+    error, error_before : float
+        Root mean square of what it does not explain, now and on the data it was learnt from.
+    fit_pct : float
+        Of the old model on the new data [%].
+    proposal : IdentificationResult or None
+        What was learnt from the new data, when the model has drifted.
+    message : str
+        One line.
+    """
+
+    drifted: bool | None
+    error: float
+    error_before: float
+    fit_pct: float
+    proposal: IdentificationResult | None
+    message: str
+
+
+def unexplained(model: IdentifiedModel, record: Record) -> Floats:
+    """Measurement less model, shape (n,), with the best offset, ramp and beginning but the model's own dynamics."""
+    structure, x, gains = model.structure, model.numbers, model.gains
+    start = Start(float(record.control[0]), step=True, free=True, ramp=True)
+    response = RecordResponse(record, structure, start)
+    columns = response.columns(x)
+    left = response.measurement - columns[:, : gains.size] @ gains
+    begun = columns[:, gains.size :]
+    sizes = np.maximum(np.linalg.norm(begun, axis=0), 1e-300)
+    coefficients = np.linalg.lstsq(begun / sizes, left, rcond=1e-6)[0]
+    residual: Floats = left - begun / sizes @ coefficients
+    return residual
+
+
+def drift(
+    model: IdentifiedModel, record: Record, template: str | None = None, clock: Clock = time.perf_counter
+) -> Drift:
+    """Judge a model by new data from normal operation, and learn anew where it has drifted.
+
+    Parameters
+    ----------
+    model : IdentifiedModel
+        Learnt before.
+    record : Record
+        A window of recent data; it may begin in the middle of anything.
+    template : str, optional
+        What to learn anew; by default the model's own.
+    clock : callable
+        Gives the time [s].
+    """
+    residual = unexplained(model, record)
+    error, before = float(np.sqrt(np.mean(residual**2))), model.noise
+    spread = float(np.std(record.measurement))
+    fit = fit_pct(record.averaged(residual.size)[1], residual)
+    if spread < _EXCITED * before or np.ptp(record.control) == 0.0:
+        return Drift(None, error, before, fit, None, "the process hardly moved: nothing can be said")
+    explained = max(WORSE * before, _MATERIAL * spread)
+    if error <= explained:
+        return Drift(False, error, before, fit, None, f"the model still explains {fit:.1f} % of the measurement")
+    proposal = identify(record, template or model.template, clock)
+    told = f"the model explains {fit:.1f} % of the measurement now, error {error:.3g} against {before:.3g} before"
+    if not proposal.success or proposal.best is None:
+        return Drift(None, error, before, fit, None, f"{told}; nothing could be learnt anew: {proposal.message}")
+    if proposal.best.noise > BETTER * error:
+        return Drift(None, error, before, fit, None, f"{told}; nor does any model of its kind: a disturbance or noise")
+    if proposal.best.noise > max(2.0 * before, _LEARNT * spread):
+        waiting = "another explains more, but not enough: the process may have changed within the record"
+        return Drift(True, error, before, fit, None, f"{told}; {waiting}")
+    return Drift(True, error, before, fit, proposal, f"{told}; learnt anew: {proposal.message}")

@@ -1,0 +1,325 @@
+"""The process learnt from its own signals: the one door for records of every origin.
+
+A structure's response to the recorded control is fitted to the measurement (output error, a prediction error method:
+Ljung 1999, ch. 7). With noise that is white, and a control that answers it a sample later, that is consistent in
+closed loop as well.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover
+from fopid_core.design.identification.excitation import LEAST_SHARE, external_share
+from fopid_core.design.identification.fit import Fit, fit
+from fopid_core.design.identification.quality import (
+    Whiteness,
+    covariance,
+    deviations,
+    fit_pct,
+    relative_deviation,
+    whiteness,
+)
+from fopid_core.design.identification.record import Record, held_back
+from fopid_core.design.identification.response import RecordResponse
+from fopid_core.design.identification.sampling import sampled_processes
+from fopid_core.design.identification.starts import rough_fit, starts_for
+from fopid_core.design.identification.structure import TEMPLATE_STRUCTURES, Structure, structure_of
+from fopid_core.design.specification import Clock
+from fopid_core.model.arrays import Floats
+from fopid_core.model.process import Process
+from fopid_core.model.stability import process_stability
+
+SIMPLER = 1.01
+"""A model with fewer numbers is preferred while its held-back error is at most so many times the smallest."""
+LEAST_FIT = 80.0
+"""Below this fit [%] the control explains too little of the measurement, unless the rest is white noise."""
+MOST_DEVIATION = 0.25
+"""Largest standard deviation of the model at its natural crossover, as a share of its size."""
+SHORTEST = 3.0
+"""A record must last at least this over the natural crossover [rad]."""
+FASTEST = 0.5
+"""A controller is not taken to work faster than this over the sample time [rad]."""
+SLOWER = 0.7
+"""Where the process is not known well enough, a controller that is so many times as fast is looked at."""
+RICHER = ("rational:4", "rational:3/1")
+GOOD_FIT = 98.0
+"""Where the templates fit worse than this [%] and leave a residual whose correlation matters, these are tried too."""
+MATTERS = 0.1
+"""A residual that is not white, but of smaller correlation, leaves a richer model 5 % of its size to explain."""
+_ROUGH, _COARSE = 256, 512
+_FIRST_LOOK = 12
+"""So many evaluations tell which start is worth going on from."""
+_STILL = 0.05
+_GAP = 0.05
+"""A gap of this share of the record is named where the control explains too little."""
+_FEEDBACK = (
+    "the control only answers the measurement, so the record shows the controller and not the process: "
+    "move the setpoint, or add a step or a PRBS to the control"
+)
+_STABILISE = "stabilise the process first and record it in closed loop"
+
+
+@dataclass(frozen=True)
+class IdentifiedModel:
+    """A learnt process.
+
+    Attributes
+    ----------
+    template : str
+    process : Process
+    parameters, deviations : mapping
+        By name, and their standard deviations.
+    fit_pct : float
+        On held-back samples, with the model fitted to the others: 100 (1 - |y - model| / |y - mean y|) [%].
+    whiteness : Whiteness
+        Of the residual.
+    noise : float
+        Standard deviation of the residual, in units of the measurement.
+    crossover, deviation : float
+        About where a controller would work [rad/s], and the standard deviation of the process there, as a share of
+        its size.
+    """
+
+    template: str
+    process: Process
+    parameters: Mapping[str, float]
+    deviations: Mapping[str, float]
+    fit_pct: float
+    whiteness: Whiteness
+    noise: float
+    crossover: float
+    deviation: float
+    _fit: Fit = field(repr=False, compare=False)
+    _covariance: Floats = field(repr=False, compare=False)
+
+    @property
+    def structure(self) -> Structure:
+        """What was fitted."""
+        return self._fit.structure
+
+    @property
+    def ramp(self) -> float:
+        """How fast the operating point moved in the record [1/s]; 0 where nothing spoke for that."""
+        return self._fit.ramp
+
+    @property
+    def numbers(self) -> Floats:
+        """The structure's free numbers."""
+        return self._fit.x
+
+    @property
+    def gains(self) -> Floats:
+        """The structure's linear numbers."""
+        return self._fit.gains
+
+    def sample(self, count: int, seed: int = 0) -> tuple[Process, ...]:
+        """Processes that the record cannot tell from this one: drawn from the covariance, within the ranges."""
+        return sampled_processes(self._fit, self._covariance, count, seed)
+
+
+@dataclass(frozen=True)
+class IdentificationResult:
+    """The answer to ``identify``.
+
+    Attributes
+    ----------
+    success : bool
+        Whether ``best`` may be used.
+    message : str
+        One line: what was found, or why not and what to do instead.
+    models : tuple of IdentifiedModel
+        In the order asked for.
+    best : IdentifiedModel or None
+        The simplest of those that fit best; None where none could be fitted.
+    elapsed : float
+        [s]
+    """
+
+    success: bool
+    message: str
+    models: tuple[IdentifiedModel, ...]
+    best: IdentifiedModel | None
+    elapsed: float
+
+
+def identify(record: Record, template: str = "all", clock: Clock = time.perf_counter) -> IdentificationResult:
+    """Fit models to a record and judge them.
+
+    Parameters
+    ----------
+    record : Record
+    template : str
+        ``foptd``, ``soptd``, ``nioptd1``, ``nioptd2``; ``all`` of them, and richer ones where these miss something;
+        ``rational:N/M`` with a denominator of order N and a numerator of order M; or several with commas.
+    clock : callable
+        Gives the time [s].
+
+    Returns
+    -------
+    IdentificationResult
+        Unsuccessful when the record carries too little information.
+
+    Raises
+    ------
+    InputError
+        If the template is not known.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 20.0, 0.05)
+    >>> record = Record(time, np.ones(400), 2.0 * (1.0 - np.exp(-time)))
+    >>> found = identify(record, "foptd")
+    >>> found.success, round(found.best.parameters["K"], 3), round(found.best.parameters["T"], 3)
+    (True, 2.0, 1.0)
+    """
+    begun = clock()
+    names = tuple(TEMPLATE_STRUCTURES) if template == "all" else tuple(template.split(","))
+    structures = [structure_of(name) for name in names]
+    refusal = _refusal_before(record)
+    if refusal:
+        return IdentificationResult(False, refusal, (), None, clock() - begun)
+    rough = rough_fit(record, _ROUGH)
+    if external_share(record, rough.response.start) < LEAST_SHARE:
+        return IdentificationResult(False, _FEEDBACK, (), None, clock() - begun)
+    models = _models(record, rough, structures)
+    if template == "all" and _miss_something(models):
+        models += _models(record, rough, [structure_of(name) for name in RICHER])
+    best = _preferred(models)
+    refusal = _refusal(record, best)
+    return IdentificationResult(not refusal, refusal or _told(best), models, best, clock() - begun)
+
+
+def _told(best: IdentifiedModel) -> str:
+    told = f"{best.template} explains {best.fit_pct:.2f} % of the measurement on held-back samples"
+    return f"{told}, beside a drift of {best.ramp:.3g} per second that was taken out" if best.ramp else told
+
+
+def _models(record: Record, rough: Fit, structures: list[Structure]) -> tuple[IdentifiedModel, ...]:
+    coarse: list[Fit] = []
+    models = []
+    for structure in structures:
+        begin = RecordResponse(record, structure, rough.response.start, _COARSE)
+        rows = ~held_back(begin.time.size)
+        tried = [fit(begin, start, rows, _FIRST_LOOK, 1e-4) for start in starts_for(structure, rough, coarse)]
+        chosen = min(tried, key=_unstable_last)
+        coarse.append(fit(begin, chosen.x, rows, 40, 1e-5))
+        models.append(_model(record, coarse[-1]))
+    return tuple(models)
+
+
+def _unstable_last(found: Fit) -> tuple[bool, float]:
+    return not process_stability(found.process).stable, found.error
+
+
+def _model(record: Record, coarse: Fit) -> IdentifiedModel:
+    """Fitted without the samples held back, judged on them, and then fitted to all."""
+    response = RecordResponse(record, coarse.structure, coarse.response.start)
+    judges = held_back(response.time.size)
+    trained = fit(response, coarse.x, ~judges, 12, 1e-6)
+    found = fit(response, trained.x, np.ones_like(judges), 3, 1e-6)
+    spread = covariance(found)
+    crossover, deviation = _crossover(found, spread, record.span)
+    return IdentifiedModel(
+        template=found.structure.name,
+        process=found.process,
+        parameters=found.structure.parameters(found.x, found.gains),
+        deviations=deviations(found, spread),
+        fit_pct=fit_pct(response.measurement[judges], trained.residual[judges]),
+        whiteness=whiteness(found.residual),
+        noise=found.error,
+        crossover=crossover,
+        deviation=deviation,
+        _fit=found,
+        _covariance=spread,
+    )
+
+
+def _miss_something(models: tuple[IdentifiedModel, ...]) -> bool:
+    good = _about_best(models)
+    matters = all(not m.whiteness.white and m.whiteness.correlation > MATTERS for m in good)
+    return matters and max(model.fit_pct for model in good) < GOOD_FIT
+
+
+def _crossover(found: Fit, spread: Floats, span: float) -> tuple[float, float]:
+    """Where a controller would work [rad/s], and the relative deviation there.
+
+    The natural crossover, or what is slower and known well enough, if the record is long enough to show it.
+    """
+    fastest = min(natural_crossover(found.process, PHASE_MARGIN), FASTEST / found.response.sample_time)
+    tried = fastest * SLOWER ** np.arange(12)
+    tried = tried[(tried * span >= SHORTEST) | (tried == fastest)]
+    deviation = [relative_deviation(found, spread, w) for w in tried.tolist()]
+    known = [i for i, value in enumerate(deviation) if value <= MOST_DEVIATION]
+    chosen = known[0] if known else 0
+    return float(tried[chosen]), deviation[chosen]
+
+
+def _preferred(models: tuple[IdentifiedModel, ...]) -> IdentifiedModel:
+    """The one with fewest numbers among those about as good as the best."""
+    return min(_about_best(models), key=lambda model: len(model.parameters))
+
+
+def _about_best(models: tuple[IdentifiedModel, ...]) -> list[IdentifiedModel]:
+    least = min(100.0 - model.fit_pct for model in models)
+    return [model for model in models if 100.0 - model.fit_pct <= SIMPLER * least]
+
+
+def _refusal_before(record: Record) -> str:
+    """Why nothing can be learnt, from the signals alone."""
+    control, measurement = record.control, record.measurement
+    if np.ptp(measurement) == 0.0:
+        return f"the measurement stays at {measurement[0]:g}: move the control until it answers"
+    if np.ptp(control) > 0.0 or record.control_before not in (None, control[0]):
+        return ""
+    begins_at_rest = abs(measurement[0]) <= _STILL * np.ptp(measurement)
+    if record.control_before is None and control[0] != 0.0 and begins_at_rest:
+        return ""
+    return (
+        f"the control stays at {control[0]:g} (saturated throughout?), so the record does not show what it does: "
+        "move it in steps within its limits, or say what it was before the record"
+    )
+
+
+def _refusal(record: Record, best: IdentifiedModel) -> str:
+    """Why the best model may not be used."""
+    if best.fit_pct < LEAST_FIT and not best.whiteness.white:
+        return f"the control explains only {max(best.fit_pct, 0.0):.0f} % of the measurement: {_advice(record)}"
+    if not process_stability(best.process).stable:
+        return f"the model that fits best is unstable: {_STABILISE}"
+    needed = SHORTEST / best.crossover
+    if needed > record.span:
+        return (
+            f"too short: {record.span:.3g} s of a process that a controller would move at {best.crossover:.3g} rad/s; "
+            f"record at least {needed:.3g} s" + (f"; if it runs away, {_STABILISE}" if _grows(record) else "")
+        )
+    if not best.deviation <= MOST_DEVIATION:
+        return (
+            f"too little information: the process is uncertain by {100.0 * best.deviation:.0f} % where a controller "
+            "would work; record longer, with larger moves of the control, or with a PRBS experiment"
+        )
+    return ""
+
+
+def _advice(record: Record) -> str:
+    if _grows(record):
+        return f"it runs away; {_STABILISE}"
+    gaps = np.diff(record.time)
+    longest = int(np.argmax(gaps))
+    if gaps[longest] > max(_GAP * record.span, 10.0 * np.median(gaps)):
+        first, last = record.time[longest : longest + 2] - record.time[0]
+        return (
+            f"there are no samples from {first:.4g} to {last:.4g} s after the first; use what is before or after that"
+        )
+    return "look for disturbances, a sensor that sticks or a wrong pair of signals, and move the control more"
+
+
+def _grows(record: Record) -> bool:
+    """Whether the measurement ends far from where it was for most of the record."""
+    size = np.abs(record.measurement - record.measurement[0])
+    tenth = size.size // 10
+    return bool(size[-tenth:].mean() > 3.0 * size[:-tenth].mean())

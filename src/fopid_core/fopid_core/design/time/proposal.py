@@ -1,0 +1,82 @@
+"""From a tuning request to a time-domain design: defaults, bounds in words, what is not met."""
+
+from __future__ import annotations
+
+import math
+
+from fopid_core.design import defaults
+from fopid_core.design.specification import Expired, Progress, Proposal, TuningRequest, require
+from fopid_core.design.time.objectives import Objective
+from fopid_core.design.time.problem import TimeSpecification
+from fopid_core.design.time.tuning import BARELY, TimeDesign, tune_time
+from fopid_core.model.process import Process
+
+TURNS = 40.0
+"""Default horizon, in radians of the natural crossover."""
+DELAYS = 12.0
+"""Or in delays of the process, if that is longer."""
+
+
+def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -> Proposal:
+    """The controller with the best index for a request."""
+    specification = _specification(request)
+    solver = request.solver or "gauss-newton"
+    design = tune_time(request.process, specification, request.start, solver, request.seed, progress, expired)
+    message = f"{request.index} over {specification.horizon:.4g} s, {solver}; {_assumptions(request, specification)}"
+    if design is None:
+        unmet = ("stability: none of the controllers drawn is stable; a stable start may help",)
+        return Proposal(None, unmet, message, math.nan, 0)
+    if abs(design.final_error) > 0.02:
+        message += f"; the error does not die out: {design.final_error:.3g} is left at the horizon"
+    return Proposal(
+        design.controller, _unmet(request.process, specification, design), message, design.cost, design.evaluations
+    )
+
+
+def _specification(request: TuningRequest) -> TimeSpecification:
+    process = request.process
+    horizon = request.horizon
+    if horizon is None:
+        horizon = max(TURNS / defaults.natural_crossover(process, defaults.PHASE_MARGIN), DELAYS * process.delay)
+    require(horizon > process.delay, "horizon", f"{horizon:g} s", f"longer than the delay {process.delay:g} s")
+    return TimeSpecification(
+        objective=Objective.of(request.index, request.weights),
+        horizon=horizon,
+        ms_max=defaults.MS_MAX if request.ms_max is None else request.ms_max,
+        u_max=defaults.U_MAX / abs(defaults.process_gain(process)) if request.u_max is None else request.u_max,
+        noise_max=math.inf if request.noise_max is None else request.noise_max,
+        sample_time=request.sample_time,
+        fixed=request.fixed,
+        bounds=request.bounds,
+    )
+
+
+def _assumptions(request: TuningRequest, specification: TimeSpecification) -> str:
+    """The bounds in force, and which of them nobody asked for."""
+    parts = [f"max |S| <= {specification.ms_max:g}" + (" by default" if request.ms_max is None else "")]
+    by_default = " by default" if request.u_max is None else ""
+    parts.append(f"control peak <= {specification.u_max:.4g} at {specification.sample_time:g} s ticks{by_default}")
+    if math.isfinite(specification.noise_max):
+        parts.append(f"noise gain <= {specification.noise_max:g}")
+    if request.horizon is None:
+        parts.append("horizon chosen from the process")
+    return ", ".join(parts)
+
+
+def _unmet(process: Process, specification: TimeSpecification, design: TimeDesign) -> tuple[str, ...]:
+    if design.met:
+        return ()
+    bounds = (
+        ("max |S|", specification.ms_max, design.ms),
+        ("control peak", specification.u_max, design.control_peak),
+        ("noise gain", specification.noise_max, design.noise_gain),
+    )
+    unmet = [
+        f"{name} <= {bound:g}: {value:.4g} is the nearest found"
+        for name, bound, value in bounds
+        if value > bound * (1.0 + BARELY)
+    ]
+    at_rest = abs(1.0 / process.steady_state_gain)
+    if at_rest > specification.u_max:
+        unmet.append(f"control peak <= {specification.u_max:g}: holding the setpoint alone takes {at_rest:.4g}")
+    return tuple(unmet) or ("the bounds together: the nearest found breaks one by less than 0.01 %",)

@@ -1,0 +1,1 @@
+"""What the loop over ROS 2 costs, each figure beside a baseline."""

@@ -1,0 +1,253 @@
+"""The ROS figures, each beside a baseline measured in the same run."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import signal
+import statistics
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import Executor
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from rich.console import Console
+from rich.table import Table
+
+from fopid_core.errors import InputError
+from fopid_msgs.msg import ScalarStamped
+from fopid_msgs.srv import Advance
+from fopid_ros.benchmarks.cpu import BareNode, node_cost
+from fopid_ros.common.managed_node import loop_qos
+from fopid_ros.controller.node import ControllerNode
+from fopid_ros.experiment.child_processes import Children, command, ros_arguments
+from fopid_ros.plant.node import PlantSimulator
+
+SAMPLE_TIME = 0.01
+GAINS = {"kp": 2.9692, "ki": 0.8028, "kd": 1.3394, "lam": 1.0138, "mu": 0.6074}
+PATIENCE = 60.0
+
+
+class Echo(Node):
+    """Sends every ``ping`` back as ``pong``."""
+
+    def __init__(self) -> None:
+        super().__init__("echo")
+        qos = loop_qos(lockstep=True)
+        publisher = self.create_publisher(ScalarStamped, "pong", qos)
+        self.create_subscription(ScalarStamped, "ping", publisher.publish, qos)
+
+
+class Pinger(Node):
+    """Bounces one message a number of times and measures how long that takes."""
+
+    def __init__(self, rounds: int) -> None:
+        super().__init__("pinger")
+        qos = loop_qos(lockstep=True)
+        self.done = Future()
+        self.left = rounds
+        self.publisher = self.create_publisher(ScalarStamped, "ping", qos)
+        self.create_subscription(ScalarStamped, "pong", self._on_pong, qos)
+
+    def _on_pong(self, message: ScalarStamped) -> None:
+        self.left -= 1
+        if self.left > 0:
+            self.publisher.publish(message)
+        else:
+            self.done.set_result(None)
+
+
+def ping_pong(rounds: int) -> float:
+    """Round trips per second of one message between two processes that do nothing else."""
+    with Children() as children:
+        children.start("echo", [sys.executable, "-m", "fopid_ros.benchmarks.benchmark", "--echo"])
+        node, executor = Pinger(rounds), EventsExecutor()
+        executor.add_node(node)
+        _until(executor, lambda: node.publisher.get_subscription_count() > 0, "the echo process")
+        begun = time.perf_counter()
+        node.publisher.publish(ScalarStamped(value=1.0))
+        executor.spin_until_future_complete(node.done, timeout_sec=PATIENCE)
+        elapsed = time.perf_counter() - begun
+        node.destroy_node()
+    return rounds / elapsed
+
+
+def lockstep_two_processes(samples: int) -> float:
+    """Samples per second of the lockstep loop with plant and controller in two processes."""
+    node, executor = Node("bench"), EventsExecutor()
+    executor.add_node(node)
+    advance = node.create_client(Advance, "plant_simulator/advance")
+    setpoint = node.create_publisher(ScalarStamped, "setpoint", 1)
+    common = {"trigger": "lockstep", "sample_time": SAMPLE_TIME}
+    with Children() as children:
+        for name, more in (("plant_simulator", {"process": "P1", "advance_until": 0.0}), ("fopid_controller", GAINS)):
+            arguments = ros_arguments({**common, **more})
+            children.start(name, [command(name), *arguments, "--log-level", "warn"])
+        ready = lambda: advance.service_is_ready() and setpoint.get_subscription_count() > 0  # noqa: E731
+        _until(executor, ready, "plant and controller")
+        setpoint.publish(ScalarStamped(value=1.0))
+        _advance(executor, advance, 10 * SAMPLE_TIME)
+        begun = time.perf_counter()
+        _advance(executor, advance, (samples + 10) * SAMPLE_TIME)
+        elapsed = time.perf_counter() - begun
+    node.destroy_node()
+    return samples / elapsed
+
+
+def _advance(executor: Executor, client: Any, until: float) -> None:
+    """Let the loop run until then; it is asked at long intervals so that asking costs it nothing."""
+    while True:
+        future = client.call_async(Advance.Request(until=until))
+        executor.spin_until_future_complete(future, timeout_sec=PATIENCE)
+        if future.result().success:
+            return
+        executor.spin_until_future_complete(Future(), timeout_sec=0.01)
+
+
+def lockstep_one_process(samples: int) -> float:
+    """Samples per second with both nodes in one process, on one executor."""
+    arguments = ["--ros-args", "-p", "trigger:=lockstep", "-p", f"sample_time:={SAMPLE_TIME}"]
+    arguments += [item for name, value in GAINS.items() for item in ("-p", f"fopid_controller:{name}:={value}")]
+    context = rclpy.Context()
+    rclpy.init(args=arguments, context=context)
+    plant, controller = PlantSimulator(context=context), ControllerNode(context=context)
+    plant.set_parameters([Parameter("advance_until", value=0.0)])
+    executor = EventsExecutor(context=context)
+    for node in (plant, controller):
+        node.start()
+        executor.add_node(node)
+    setpoint = plant.create_publisher(ScalarStamped, "setpoint", 1)
+    _until(executor, lambda: setpoint.get_subscription_count() > 0, "the controller")
+    setpoint.publish(ScalarStamped(value=1.0))
+    begun = time.perf_counter()
+    plant.set_parameters([Parameter("advance_until", value=samples * SAMPLE_TIME)])
+    while plant.time < samples * SAMPLE_TIME - SAMPLE_TIME / 2:
+        executor.spin_until_future_complete(Future(), timeout_sec=0.005)
+    elapsed = time.perf_counter() - begun
+    for node in (plant, controller):
+        node.destroy_node()
+    rclpy.shutdown(context=context)
+    return samples / elapsed
+
+
+def jitter(make_node: Callable[[list[int]], Node], seconds: float) -> list[float]:
+    """Distances of the ticks at 100 Hz from an even grid [us]."""
+    stamps: list[int] = []
+    node, executor = make_node(stamps), EventsExecutor()
+    executor.add_node(node)
+    executor.spin_until_future_complete(Future(), timeout_sec=seconds)
+    node.destroy_node()
+    times = np.array(stamps[10:], dtype=float)
+    grid = times[0] + 1e7 * np.arange(len(times))
+    late = times - grid
+    return list(np.abs(late - np.median(late)) / 1e3)
+
+
+def bare_timer(stamps: list[int]) -> Node:
+    """A node whose timer does nothing but note the time."""
+    node = Node("bare_timer")
+    clock = Clock(clock_type=ClockType.STEADY_TIME)
+    node.create_timer(0.01, lambda: stamps.append(time.monotonic_ns()), clock=clock)
+    return node
+
+
+def ticking_controller(stamps: list[int]) -> Node:
+    """The controller in real time; its control messages are noted as they are published."""
+    node = ControllerNode()
+    publish = node.publish_control
+
+    def noted(control: float, stamp_ns: int) -> None:
+        stamps.append(time.monotonic_ns())
+        publish(control, stamp_ns)
+
+    node.publish_control = noted
+    node.start()
+    return node
+
+
+def _until(executor: Executor, ready: Callable[[], bool], who: str) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not ready():
+        if time.monotonic() > deadline:
+            raise InputError(f"{who} did not appear within {PATIENCE:g} s")
+        executor.spin_until_future_complete(Future(), timeout_sec=0.05)
+    executor.spin_until_future_complete(Future(), timeout_sec=0.3)
+
+
+def machine() -> str:
+    """What the figures were measured on."""
+    return f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}, {platform.system()}"
+
+
+def measure(samples: int, seconds: float, console: Console) -> Table:
+    """Take all figures, alternating with their baselines, and put them into a table."""
+    table = Table(title=f"ROS figures ({machine()})")
+    for column in ("figure", "value", "baseline", "ratio"):
+        table.add_column(column)
+    with console.status("measuring the loop"):
+        bounces, two = [], []
+        for _ in range(3):
+            bounces.append(ping_pong(samples))
+            two.append(lockstep_two_processes(samples))
+        base, pair, one = statistics.median(bounces), statistics.median(two), lockstep_one_process(samples)
+    table.add_row("ping-pong, two processes", f"{base:,.0f} /s", "-", "1")
+    for name, rate in (("lockstep loop, two processes", pair), ("lockstep loop, one process", one)):
+        table.add_row(name, f"{rate:,.0f} samples/s", f"{base:,.0f} /s (ping-pong)", f"{rate / base:.2f}")
+    table.add_row("50 s at 10 ms, two processes", f"{5000 / pair:.2f} s", "50 s (real time)", f"{5000 / pair / 50:.3f}")
+    with console.status("measuring the timers"):
+        bare, ours = jitter(bare_timer, seconds), jitter(ticking_controller, seconds)
+    for share in (50, 99):
+        ours_us, bare_us = float(np.percentile(ours, share)), float(np.percentile(bare, share))
+        name = f"controller at 100 Hz, jitter, {share} % below"
+        table.add_row(name, f"{ours_us:.0f} us", f"{bare_us:.0f} us (bare timer)", f"{ours_us / bare_us:.2f}")
+    with console.status("measuring the processor's time"):
+        cost, base = node_cost(GAINS, seconds, _until)
+    name = "controller at 200 Hz, share of a core"
+    table.add_row(name, f"{cost:.1%}", f"{base:.1%} (bare node with its traffic)", f"{cost / base:.2f}")
+    return table
+
+
+def _serve(make_node: Callable[[], Node]) -> int:
+    """Another process of a measurement; its parent ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    executor = EventsExecutor()
+    executor.add_node(make_node())
+    executor.spin_until_future_complete(Future(), timeout_sec=10 * PATIENCE)
+    return 0
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point of the command ``fopid_ros_benchmark``."""
+    parser = argparse.ArgumentParser(prog="fopid_ros_benchmark", description="Measure the ROS loop.")
+    parser.add_argument("--samples", type=int, default=5000, help="samples of each run (5000)")
+    parser.add_argument("--seconds", type=float, default=5.0, help="length of the jitter measurements [s] (5)")
+    parser.add_argument("--echo", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args(args)
+    if options.echo or options.bare:
+        return _serve(Echo if options.echo else BareNode)
+    console = Console()
+    rclpy.init()
+    try:
+        console.print(measure(options.samples, options.seconds, console))
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

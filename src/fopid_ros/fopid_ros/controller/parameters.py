@@ -1,0 +1,90 @@
+"""The controller node's parameters, and the core's settings made from them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from fopid_core.errors import InputError
+from fopid_core.model.fopid import ORDER_RANGE, Fopid
+from fopid_core.runtime.filter_bank import Band
+from fopid_core.runtime.settings import LARGEST, LOWEST, ControllerSettings
+from fopid_ros.common.inputs import is_number
+from fopid_ros.common.managed_node import TIMING
+from fopid_ros.common.parameters import Spec
+from fopid_ros.common.signals import SignalType, signal_specs
+
+SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "tracking", "control")
+
+SPECS = (
+    Spec("kp", 0.0, "proportional gain", -LARGEST, LARGEST),
+    Spec("ki", 0.0, "integral gain [1/s^lam]", -LARGEST, LARGEST),
+    Spec("kd", 0.0, "derivative gain [s^mu]", -LARGEST, LARGEST),
+    Spec("lam", 1.0, "order of the integral", *ORDER_RANGE),
+    Spec("mu", 1.0, "order of the derivative", *ORDER_RANGE),
+    Spec("sample_time", 0.01, "time between ticks [s]", 1e-6, 1e6, at_configure=True),
+    Spec("band.low", 0.0, "lower edge of the band of the fractional powers [rad/s]; 0 chooses", 0.0, 1e9),
+    Spec("band.high", 0.0, "upper edge of that band [rad/s]; 0 chooses the Nyquist frequency", 0.0, 1e9),
+    Spec("band.poles", 0, "number of lags on that band; 0 chooses", 0, 60),
+    Spec("horizon", 0.0, "longest time scale that matters [s]: the band reaches down to it; 0 chooses", 0.0, 1e9),
+    Spec("setpoint.initial", math.inf, "setpoint until one comes; inf waits for one", at_configure=True),
+    Spec("setpoint_rate_max", math.inf, "largest change of the setpoint per second; inf for none", 0.0),
+    Spec("deadband", 0.0, "errors up to this size count as zero [measurement unit]", 0.0, LARGEST),
+    Spec("setpoint_weight", 1.0, "share of the setpoint in the proportional part", 0.0, 1.0),
+    Spec("derivative_setpoint_weight", 1.0, "the same for the derivative; 0: of the measurement alone", 0.0, 1.0),
+    Spec("derivative_filter_time", 0.0, "time constant of the lag before the derivative [s]", 0.0, 1e9),
+    Spec("control_min", -math.inf, "lower limit of the control; -inf for none"),
+    Spec("control_max", math.inf, "upper limit of the control; inf for none"),
+    Spec("control_rate_max", math.inf, "largest change of the control per second; inf for none", 0.0),
+    Spec("antiwindup", "back_calculation", "what keeps the integral from winding up",
+         choices=("none", "back_calculation", "conditional_integration")),
+    Spec("tracking_time", 0.0, "how fast back-calculation takes the integral back [s]; 0 chooses", 0.0, 1e9),
+    Spec("tracking.enabled", False, "take what the actuator did from the topic tracking; it ages like the measurement",
+         at_configure=True),
+    Spec("bumpless", True, "on new gains the integral takes up the step between old and new reading"),
+    Spec("measurement_timeout", 0.0, "age of the measurement that counts as stale [s]; 0 for off", 0.0, 1e9),
+    Spec("setpoint_timeout", 0.0, "age of the setpoint that counts as stale [s]; 0 for off", 0.0, 1e9),
+    Spec("on_stale", "hold", "the control while an input is stale: as it was, safe_control, or manual_control",
+         choices=("hold", "safe", "manual")),
+    Spec("safe_control", 0.0, "the control before the first tick and after the last", -LARGEST, LARGEST),
+    Spec("mode", "auto", "auto, or manual: the control follows the topic manual_control", choices=("auto", "manual")),
+    Spec("gains_file", "", "where ~/save_gains writes all parameters; a start with --params-file reads them"),
+    replace(TIMING, read_only=False, at_configure=True),
+    *(spec for name in SIGNALS for spec in signal_specs(name, at_configure=True)),
+)  # fmt: skip
+
+_SAME_IN_THE_CORE = (
+    "sample_time", "setpoint_weight", "derivative_setpoint_weight", "derivative_filter_time", "control_rate_max",
+    "antiwindup", "tracking_time", "bumpless", "safe_control", "horizon", "setpoint_rate_max", "deadband",
+)  # fmt: skip
+
+
+def signal_types(values: dict[str, Any]) -> dict[str, SignalType]:
+    """How each signal travels, by its name."""
+    return {name: SignalType(values[f"{name}.type"], values[f"{name}.field"], name) for name in SIGNALS}
+
+
+def controller_settings(values: dict[str, Any], control_type: SignalType) -> ControllerSettings:
+    """The core's settings from the node's parameters.
+
+    What the control's message can hold limits the control like an actuator.
+    """
+    band = {edge: values[f"band.{edge}"] for edge in ("low", "high", "poles")}
+    return ControllerSettings(
+        gains=Fopid(*(values[name] for name in ("kp", "ki", "kd", "lam", "mu"))),
+        band=Band.for_sample_time(values["sample_time"], values["horizon"], **band),
+        control_min=max(values["control_min"], control_type.low),
+        control_max=min(values["control_max"], control_type.high),
+        **{name: values[name] for name in _SAME_IN_THE_CORE},
+    )
+
+
+def initial_setpoint(values: dict[str, Any]) -> float:
+    """The setpoint until one comes; NaN to wait for one."""
+    initial = values["setpoint.initial"]
+    if initial == math.inf:
+        return math.nan
+    if not is_number(initial):
+        raise InputError(f"setpoint.initial = {initial}; allowed: {LOWEST:g} to {LARGEST:g}, inf to wait for one")
+    return float(initial)

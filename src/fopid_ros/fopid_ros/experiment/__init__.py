@@ -1,0 +1,1 @@
+"""Experiments: nodes started, phases run, signals recorded, a report written."""

@@ -1,0 +1,106 @@
+"""The command ``autotune``: has the running loop learnt and tuned, shows how it goes; Ctrl-C undoes it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+from fopid_core.errors import InputError
+from fopid_msgs.action import Autotune
+from fopid_ros.common.managed_node import check_domain
+
+FOUND_TIME = 10.0
+"""How long the tuner may take to be found [s]."""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="autotune", description="Excite the running loop, learn its process, tune, verify, apply and watch."
+    )
+    add = parser.add_argument
+    add("--excitation", default="", choices=("prbs", "relay", "step"), help="how the loop is moved (prbs)")
+    add("--amplitude", type=float, default=0.0, metavar="U", help="how far the control is moved (found out)")
+    add("--deviation-max", type=float, default=0.0, metavar="Y", help="ends it (a tenth of the setpoint)")
+    add("--duration", type=float, default=0.0, metavar="S", help="of the experiment (20 integral times)")
+    add("--template", dest="template_name", default="", metavar="NAME", help="of the model (the best of all)")
+    add("--method", default="", choices=("frequency", "time"), help="of tuning (the tuner's parameter)")
+    add("--phase-margin", type=float, default=0.0, metavar="DEG", help="to reach [deg]")
+    add("--crossover", type=float, default=0.0, metavar="RAD_S", help="to reach [rad/s]")
+    add("--ms-max", type=float, default=0.0, metavar="X", help="bound on max |S|")
+    add("--propose-only", action="store_true", help="tell the gains, do not apply them")
+    return parser
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point of the executable ``autotune``; 0 done, 2 bad input, 3 nothing that could be applied."""
+    given = list(sys.argv[1:] if args is None else args)
+    options = vars(_parser().parse_args(remove_ros_args(["autotune", *given])[1:]))
+    options["phase_margin"] = math.radians(options["phase_margin"])
+    try:
+        check_domain()
+        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+        return _run(Autotune.Goal(**options))
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    finally:
+        rclpy.try_shutdown()
+
+
+def _run(goal: Autotune.Goal) -> int:
+    node = Node("autotune")
+    client = ActionClient(node, Autotune, "fopid_tuner/autotune")
+    if not client.wait_for_server(timeout_sec=FOUND_TIME):
+        raise InputError(f"no action fopid_tuner/autotune within {FOUND_TIME:g} s; allowed: a running fopid_tuner")
+    columns = (TextColumn("{task.description:12}"), BarColumn(), TextColumn("{task.fields[said]}"))
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task("asking", total=1.0, said="")
+
+        def told(message: Any) -> None:
+            stage = message.feedback
+            said = stage.message or f"{stage.remaining:.0f} s, off the setpoint by {stage.deviation:+.3g}"
+            progress.update(task, completed=stage.progress, description=stage.phase, said=said[:90])
+
+        handle = _wait(node, client.send_goal_async(goal, feedback_callback=told))
+        answer = handle.get_result_async()
+        try:
+            result = _wait(node, answer).result
+        except KeyboardInterrupt:
+            progress.update(task, description="cancelling", said="")
+            _wait(node, handle.cancel_goal_async())
+            result = _wait(node, answer).result
+    _show(result)
+    return 0 if result.success else 3
+
+
+def _wait(node: Node, future: Future) -> Any:
+    while not future.done():
+        rclpy.spin_until_future_complete(node, future, timeout_sec=0.2)  # and see a Ctrl-C in between
+    return future.result()
+
+
+def _show(result: Autotune.Result) -> None:
+    print(result.message)
+    if result.model.process:
+        print(f"model     {result.model.process}  (fit {result.model.fit_pct:.1f} %)")
+    if result.gains.kp or result.gains.ki or result.gains.kd:
+        gains = result.gains
+        state = "running" if result.applied else "not applied"
+        print(f"gains     kp {gains.kp:.6g}  ki {gains.ki:.6g}  kd {gains.kd:.6g}  lam {gains.lam:.6g}  "
+              f"mu {gains.mu:.6g}  ({state})")  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main())

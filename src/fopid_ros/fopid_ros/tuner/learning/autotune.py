@@ -1,0 +1,137 @@
+"""One autotuning of a running loop: excite, identify, tune, verify, apply, watch; and undo it all when told to."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from fopid_core.design.identification.identify import identify
+from fopid_ros.tuner.controller_client import ControllerClient
+from fopid_ros.tuner.learning.handover import Handover, Outcome, Terms, ask_controller
+from fopid_ros.tuner.learning.live_experiment import LiveExperiment, RunningLoop, WantedExperiment
+from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
+from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
+
+EXPERIMENTS = 3
+"""How often the experiment is made while its record says too little."""
+MOVED_SHARE = 0.5
+"""The share of the allowed deviation that new gains may cause."""
+
+
+@dataclass(frozen=True)
+class AutotuneRequest:
+    """What is asked.
+
+    Attributes
+    ----------
+    experiment : WantedExperiment
+    template : str
+        Of the model.
+    terms : Terms
+        What the new gains must fulfil.
+    propose_only : bool
+    """
+
+    experiment: WantedExperiment
+    template: str
+    terms: Terms
+    propose_only: bool
+
+
+class Autotuner:
+    """Runs one autotuning in the calling thread, while others spin the node.
+
+    Parameters
+    ----------
+    tap : LoopTap
+    client : ControllerClient
+    request : AutotuneRequest
+    wait : LoopWait
+        Tells how it goes, and whether an end has been asked for.
+
+    Raises
+    ------
+    InputError
+        If it cannot be begun: no controller, no loop, or something in the request.
+    """
+
+    def __init__(self, tap: LoopTap, client: ControllerClient, request: AutotuneRequest, wait: LoopWait) -> None:
+        tap.require_free_addend()
+        controller = ask_controller(client)
+        self._tap, self._request, self._wait = tap, request, wait
+        self._experiment = LiveExperiment(tap, wait, RunningLoop(controller), request.experiment)
+        self._handover = Handover(tap, client, wait, controller, request.terms)
+
+    def run(self) -> Outcome:
+        """Do it; however it ends, the loop is left with gains that are known to hold it.
+
+        Raises
+        ------
+        InputError
+            If the loop does not rest, or stands still.
+        CancelledError
+            After everything has been put back.
+        """
+        try:
+            return self._run()
+        except BaseException:
+            self._handover.take_back()
+            raise
+        finally:
+            self._tap.every_tick(None)
+            self._tap.add(0.0)
+
+    def _run(self) -> Outcome:
+        self._experiment.measure()
+        began, outcome = self._tap.history.newest_time("control"), Outcome()
+        for _ in range(EXPERIMENTS):
+            ended = self._experiment.excite()
+            if ended:
+                return Outcome(message=f"the experiment was stopped, nothing was changed: {ended}")
+            outcome = self._learn(began)
+            if outcome.success:
+                break
+        if not outcome.success or self._request.propose_only:
+            return outcome
+        self._settle()
+        return self._try_out(outcome)
+
+    def _learn(self, began: float) -> Outcome:
+        """A model of all that was heard since ``began``, and gains for it."""
+        self._wait.tell(Stage("identifying", 0.6))
+        found = identify(self._tap.history.record(began), self._request.template)
+        if not found.success or found.best is None:
+            return Outcome(message=f"nothing was changed: {found.message}", model=found.best)
+        return self._handover.design(found)
+
+    def _settle(self) -> None:
+        """Wait until the experiment has died out, or for the length of it at most."""
+        near, newest = self._experiment.residue(), Tick(-math.inf, 0.0, 0.0, 0.0)
+        limit, calm_since, setpoint = self._experiment.duration, [math.inf], self._experiment.loop.setpoint
+        began: list[float] = []
+
+        def hook(tick: Tick) -> None:
+            nonlocal newest
+            newest = tick
+            began.append(tick.time) if not began else None
+            calm = abs(tick.measurement - setpoint) <= near
+            calm_since[0] = min(calm_since[0], tick.time) if calm else math.inf
+
+        self._tap.every_tick(hook)
+        calm_for = 0.1 * limit
+        self._wait.until(
+            lambda: bool(began) and (newest.time - calm_since[0] >= calm_for or newest.time - began[0] >= limit),
+            lambda: Stage("applying", 0.72, deviation=newest.measurement - setpoint, message="letting it settle"),
+        )
+
+    def _try_out(self, outcome: Outcome) -> Outcome:
+        loop, residue = self._experiment.loop, self._experiment.residue()
+        # New gains read the memory of the past anew, which moves the loop a little: that much is allowed.
+        allowed = (MOVED_SHARE * loop.deviation_max) ** 2 / (loop.figures.mean_square + residue**2)
+
+        def outside(tick: Tick) -> str:
+            if tick.setpoint != loop.setpoint or abs(tick.measurement - tick.setpoint) <= loop.deviation_max:
+                return ""
+            return f"measurement {tick.measurement:.4g} left the band of {loop.deviation_max:.4g}"
+
+        return self._handover.try_out(outcome, loop.figures, residue, max(allowed, 2.0), outside)

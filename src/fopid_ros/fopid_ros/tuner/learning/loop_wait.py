@@ -1,0 +1,69 @@
+"""Waiting on a running loop: told how far it is, ended by a request to cancel or by a loop that stands still."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fopid_core.errors import InputError
+from fopid_ros.tuner.learning.loop_tap import LoopTap
+
+STALL_TIME = 10.0
+"""A loop without a tick for so long [s of the wall clock] stands still."""
+TELL_PERIOD = 0.2
+"""How often the one who asked is told [s]."""
+
+
+class CancelledError(Exception):
+    """Somebody asked for an end."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Where an autotuning is."""
+
+    phase: str
+    progress: float
+    remaining: float = 0.0
+    deviation: float = 0.0
+    fit_pct: float = 0.0
+    message: str = ""
+
+
+class LoopWait:
+    """Waits in the calling thread, while others spin the node.
+
+    Parameters
+    ----------
+    tap : LoopTap
+    tell : callable
+        Called with a ``Stage`` all along.
+    cancelled : callable
+        Whether an end has been asked for.
+    """
+
+    def __init__(self, tap: LoopTap, tell: Callable[[Stage], None], cancelled: Callable[[], bool]) -> None:
+        self._tap, self.tell, self._cancelled = tap, tell, cancelled
+
+    def until(self, done: Callable[[], bool], stage: Callable[[], Stage]) -> None:
+        """Wait until it is done.
+
+        Raises
+        ------
+        CancelledError
+            If an end has been asked for.
+        InputError
+            If the loop stands still.
+        """
+        last_tick = last_told = time.monotonic()
+        while not done():
+            if self._cancelled():
+                raise CancelledError
+            if self._tap.wait_for_tick(0.1):
+                last_tick = time.monotonic()
+            elif time.monotonic() - last_tick > STALL_TIME:
+                raise InputError(f"no control heard for {STALL_TIME:g} s; allowed: a running loop")
+            if time.monotonic() - last_told > TELL_PERIOD:
+                last_told = time.monotonic()
+                self.tell(stage())

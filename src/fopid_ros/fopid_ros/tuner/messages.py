@@ -1,0 +1,124 @@
+"""Between the tuner's messages and the core's requests and results."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from fopid_core.design.identification.identify import IdentifiedModel
+from fopid_core.design.identification.structure import structure_of
+from fopid_core.design.robust_verification import RobustLimits
+from fopid_core.design.tuner import Bound, TuningRequest, TuningResult
+from fopid_core.errors import InputError
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import read_process
+from fopid_msgs.action import Autotune
+from fopid_msgs.msg import Gains, LoopMeasures
+from fopid_msgs.msg import IdentifiedModel as IdentifiedModelMessage
+from fopid_msgs.srv import Tune
+from fopid_ros.tuner.controller_client import GAINS
+from fopid_ros.tuner.learning.autotune import AutotuneRequest
+from fopid_ros.tuner.learning.handover import Outcome, Terms
+from fopid_ros.tuner.learning.live_experiment import EXCITATIONS, WantedExperiment
+
+
+def _given(request: Tune.Request, defaults: dict[str, Any], name: str) -> Any:
+    """The request's field, or the parameter of that name where the field is zero or empty; None if both are."""
+    return getattr(request, name) or defaults[name] or None
+
+
+def autotune_request(goal: Autotune.Goal, defaults: dict[str, Any]) -> AutotuneRequest:
+    """What ~/autotune is asked, from the action's goal and the node's parameters.
+
+    Raises
+    ------
+    InputError
+        Naming the field that cannot be used.
+    """
+    for name in ("amplitude", "deviation_max", "duration"):
+        if not 0.0 <= getattr(goal, name) < math.inf:
+            raise InputError(f"{name} = {getattr(goal, name)}; allowed: 0 to choose it from the loop, or above 0")
+    chosen = {name: getattr(goal, name) or defaults[f"autotune.{name}"]
+              for name in ("excitation", "amplitude", "deviation_max", "duration")}  # fmt: skip
+    if chosen["excitation"] not in EXCITATIONS:
+        raise InputError(f"excitation = {chosen['excitation']!r}; allowed: {', '.join(EXCITATIONS)}")
+    template = goal.template_name or "all"
+    for name in template.split(",") if template != "all" else ():
+        structure_of(name)  # says at once, and not after the experiment, that there is none of that name
+    shared = {name: getattr(goal, name)
+              for name in ("method", "phase_margin", "crossover", "index", "ms_max", "u_max")}  # fmt: skip
+    # The process to tune for is what will be learnt; until then any stands for it.
+    tuning = tuning_request(Tune.Request(process="P1", **shared), defaults)
+    return AutotuneRequest(WantedExperiment(**chosen), template, terms(tuning, defaults), goal.propose_only)
+
+
+def terms(tuning: TuningRequest, defaults: dict[str, Any]) -> Terms:
+    """What gains for a learnt process must fulfil, by the node's parameters."""
+    limits = RobustLimits(defaults["verify.worst_ms_max"], defaults["verify.worst_phase_margin"])
+    return Terms(tuning, limits, defaults["verify.ticks"])
+
+
+def tuning_request(request: Tune.Request, defaults: dict[str, Any]) -> TuningRequest:
+    """The core's request from a service request and the node's parameters.
+
+    Raises
+    ------
+    InputError
+        Naming the field that cannot be used.
+    """
+    process = request.process or defaults["process"]
+    if not process:
+        raise InputError("process = ''; allowed: P1 ... P4 or a transfer function, here or as the tuner's parameter")
+    bounds = {}
+    for name in ("t_max", "s_max"):
+        frequency = _given(request, defaults, f"{name}_frequency")
+        db = getattr(request, f"{name}_db") or defaults[f"{name}_db"]
+        bounds[name] = Bound(db, frequency) if frequency is not None else None
+        if frequency is None and getattr(request, f"{name}_db"):
+            raise InputError(f"{name}_frequency = 0; allowed: above 0 rad/s, since {name}_db is given")
+    numbers = {name: _given(request, defaults, name)
+               for name in ("phase_margin", "crossover", "horizon", "ms_max", "u_max", "rule", "timeout")}  # fmt: skip
+    words = {name: _given(request, defaults, name) for name in ("method", "via", "index")}
+    return TuningRequest(read_process(process), sample_time=defaults["sample_time"], **bounds, **numbers, **words)
+
+
+def fill_gains(message: Gains, controller: Fopid) -> None:
+    """The five numbers."""
+    for name, value in zip(GAINS, controller.gains, strict=True):
+        setattr(message, name, value)
+
+
+def fill_measures(message: LoopMeasures, result: TuningResult) -> None:
+    """What the loop is worth; a measure that does not exist stays NaN."""
+    message.stable, message.unstable_poles, message.cost = result.stable, result.unstable_poles, result.cost
+    if result.achieved is None:
+        return
+    for name in ("phase_margin", "crossover", "phase_slope", "gain_margin_db", "delay_margin", "ms", "mt",
+                 "t_db", "s_db"):  # fmt: skip
+        setattr(message, name, float(getattr(result.achieved, name)))
+
+
+def identified_message(model: IdentifiedModel) -> IdentifiedModelMessage:
+    """A learnt process for others."""
+    return IdentifiedModelMessage(
+        template_name=model.template, process=str(model.process), names=list(model.parameters),
+        values=list(model.parameters.values()), deviations=[model.deviations[name] for name in model.parameters],
+        fit_pct=model.fit_pct, white=bool(model.whiteness.white),
+    )  # fmt: skip
+
+
+def fill_autotune_result(message: Autotune.Result, outcome: Outcome) -> None:
+    """What an autotuning came to."""
+    message.success, message.message = outcome.success, outcome.message
+    message.applied, message.rolled_back = outcome.applied, outcome.rolled_back
+    if outcome.model is not None:
+        message.model = identified_message(outcome.model)
+    if outcome.previous is not None:
+        fill_gains(message.previous_gains, outcome.previous)
+    if outcome.tuned is None or outcome.tuned.tuning is None:
+        return
+    if outcome.tuned.tuning.controller is not None:
+        fill_gains(message.gains, outcome.tuned.tuning.controller)
+    fill_measures(message.achieved, outcome.tuned.tuning)
+    if outcome.tuned.robustness is not None:
+        message.worst_ms = outcome.tuned.robustness.ms

@@ -1,0 +1,45 @@
+"""Parameters of the tuner node: what a request leaves open."""
+
+from __future__ import annotations
+
+import math
+
+from fopid_core.design.acceptance import MS_MAX, TICKS
+from fopid_core.design.specification import METHODS, VIA
+from fopid_ros.common.parameters import Spec
+from fopid_ros.tuner.learning import loop_tap
+
+ADAPT = ("off", "propose", "apply")
+"""What may be done when the process has drifted."""
+_ZERO_CHOOSES = "; 0 leaves it to the method"
+
+SPECS = (
+    Spec("process", "", "P1 ... P4, a transfer function in s as text, or a YAML file; empty until known"),
+    Spec("controller", "fopid_controller", "node name of the controller", read_only=True),
+    Spec("method", "frequency", "what ~/tune does when not told", choices=METHODS),
+    Spec("phase_margin", 0.0, f"phase margin to reach [rad]{_ZERO_CHOOSES}", 0.0, math.pi),
+    Spec("crossover", 0.0, f"gain crossover to reach [rad/s]{_ZERO_CHOOSES}", 0.0, 1e9),
+    Spec("t_max_db", 0.0, "bound on |T| from t_max_frequency on [dB]", -1e3, 1e3),
+    Spec("t_max_frequency", 0.0, "where that bound begins [rad/s]; 0 for no bound", 0.0, 1e9),
+    Spec("s_max_db", 0.0, "bound on |S| up to s_max_frequency [dB]", -1e3, 1e3),
+    Spec("s_max_frequency", 0.0, "where that bound ends [rad/s]; 0 for no bound", 0.0, 1e9),
+    Spec("via", "none", "template the process is reduced to before tuning by frequency", choices=VIA),
+    Spec("index", "itae", "what tuning in time makes small: iae ise itae itse istes istse sum"),
+    Spec("horizon", 0.0, f"time the index is integrated over [s]{_ZERO_CHOOSES}", 0.0, 1e9),
+    Spec("ms_max", 0.0, f"bound on max |S|{_ZERO_CHOOSES}", 0.0, 1e3),
+    Spec("u_max", 0.0, f"bound on the control's peak after a unit setpoint step{_ZERO_CHOOSES}", 0.0, 1e9),
+    Spec("rule", "", "name of the tuning rule"),
+    Spec("timeout", 30.0, "give the best found after this long, marked unsuccessful [s]", 1e-3, 1e6),
+    Spec("sample_time", 0.01, "tick of the controller that will run the gains [s]", 1e-6, 1e6),
+    Spec("verify.ms_max", MS_MAX, "gains with a larger max |S| are not applied", 1.0, 1e6),
+    Spec("verify.worst_ms_max", 2.5, "the same, on every process that a record leaves possible", 1.0, 1e6),
+    Spec("verify.worst_phase_margin", math.radians(30.0), "least phase margin there [rad]", 0.0, math.pi),
+    Spec("verify.ticks", TICKS, "gains with a delay margin of fewer ticks are not applied", 0.0, 1e6),
+    Spec("autotune.excitation", "prbs", "how ~/autotune moves the loop", choices=("prbs", "relay", "step")),
+    Spec("autotune.amplitude", 0.0, "how far it moves the control; 0 finds out", 0.0, 1e9),
+    Spec("autotune.deviation_max", 0.0, "distance from setpoint that ends it; 0: a tenth of the setpoint", 0.0, 1e9),
+    Spec("autotune.duration", 0.0, "length of the experiment [s]; 0: 20 integral times of the gains", 0.0, 1e9),
+    Spec("adapt", "off", "learn on from normal operation and retune when the process has drifted", choices=ADAPT),
+    Spec("adapt.window", 0.0, "signals that a drift is judged by [s]; 0: 20 integral times of the gains", 0.0, 1e6),
+    *loop_tap.SPECS,
+)  # fmt: skip

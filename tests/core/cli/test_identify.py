@@ -1,0 +1,119 @@
+"""``fopid identify`` reads csv files and bags and keeps the contract: JSON keys, exit status, one-line errors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from rosbags.rosbag2 import StoragePlugin
+
+from fopid_core.cli.main import main
+from fopid_core.design.identification.record import Record
+from fopid_core.study.records import read_record
+
+from ..design.identification.recorded import step_record
+from ..study.recording import Recording, record_loop
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, ["identify", *map(str, arguments)])
+
+
+def answer(*arguments: object, status: int = 0) -> dict[str, Any]:
+    result = run(*arguments, "--json")
+    assert (result.exit_code, result.stderr) == (status, "")
+    found: dict[str, Any] = json.loads(result.stdout)
+    return found
+
+
+def written(record: Record, path: Path) -> Path:
+    columns = np.column_stack([record.time, record.control, record.measurement])
+    np.savetxt(path, columns, delimiter=",", header="time,control,measurement", comments="", fmt="%.12g")
+    return path
+
+
+def test_a_csv_file_is_identified(tmp_path: Path) -> None:
+    found = answer(written(step_record("3/(2s+1)*exp(-0.7s)", 20.0, 0.05, noise=0.02), tmp_path / "step.csv"))
+    assert found["success"]
+    assert found["template"] == "foptd"
+    assert [model["template"] for model in found["models"]] == ["foptd", "nioptd1", "soptd", "nioptd2"]
+    first = found["models"][0]
+    assert first["parameters"] == pytest.approx({"K": 3.0, "T": 2.0, "L": 0.7}, rel=0.02)
+    assert set(first["deviations"]) == {"K", "T", "L"}
+    assert found["fit_pct"] == first["fit_pct"] > 97.0
+
+
+def test_one_template_can_be_asked_for_and_people_see_a_table(tmp_path: Path) -> None:
+    path = written(step_record("P1", 20.0, 0.05), tmp_path / "step.csv")
+    assert [model["template"] for model in answer(path, "--template", "rational:3")["models"]] == ["rational:3"]
+    assert "fit on held-back samples" in run(path, "--template", "foptd").stdout
+
+
+def test_a_record_without_information_ends_with_status_3_and_advice(tmp_path: Path) -> None:
+    path = written(step_record("P1", 20.0, 0.05), tmp_path / "step.csv")
+    found = answer(path, "--to", "3", status=3)
+    assert not found["success"]
+    assert "move" in found["message"]
+
+
+def test_a_bag_is_identified(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "bag", StoragePlugin.MCAP)
+    record_loop(recording)
+    recording.writer.close()
+    found = answer(tmp_path / "bag", "--template", "rational:3", "--to", "30")
+    # the plant is 1/(s+1)^3 without noise, and starts with a setpoint step
+    assert found["models"][0]["parameters"] == pytest.approx(
+        {"b0": 1.0, "a1": 3.0, "a2": 3.0, "a3": 1.0, "L": 0.0}, rel=0.02, abs=0.01
+    )
+
+
+@pytest.mark.parametrize(
+    ("header", "order", "separator", "mark", "encoding"),
+    [
+        ("measurement,time,control", (2, 0, 1), ",", ".", "utf-8"),
+        ("Time [s],Control (V),Measurement [degC]", (0, 1, 2), ",", ".", "utf-8-sig"),
+        ("time;control;measurement", (0, 1, 2), ";", ",", "utf-8"),
+        ("time\tcontrol\tmeasurement", (0, 1, 2), "\t", ".", "utf-8"),
+    ],
+)
+def test_spreadsheets_write_csv_in_many_ways(
+    header: str, order: tuple[int, ...], separator: str, mark: str, encoding: str, tmp_path: Path
+) -> None:
+    rows = [(0.1 * k, float(k > 5), 0.01 * k) for k in range(40)]
+    lines = [separator.join(f"{row[i]:.6f}".replace(".", mark) for i in order) for row in rows]
+    path = tmp_path / "record.csv"
+    path.write_bytes("\r\n".join([header, *lines]).encode(encoding))
+    record = read_record(path)
+    assert np.column_stack([record.time, record.control, record.measurement]) == pytest.approx(np.array(rows))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "allowed: a first line with time, control, measurement"),
+        ("time,u,y\n0,0,0\n", "columns time, u, y of"),
+        ("time,control,measurement\n0,0,0\n1,x,0\n", "control = 'x' in data row 2; allowed: a number"),
+        ("time,control,measurement\n0,0\n", "measurement = '' in data row 1; allowed: a number"),
+        ("time [ms],control,measurement\n0,0,0\n", "time in ms; allowed: seconds"),
+        ("time,control,control,measurement\n0,0,0,0\n", "allowed: control once"),
+        ("time,control,measurement\n0,5,0,1,2\n", "5 cells in data row 1; allowed: one for each of 3 columns"),
+        ("time,control,measurement\n0,0,0\n", "record of 1 samples; allowed: 30 or more"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_named_in_one_line(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "record.csv"
+    path.write_text(text)
+    result = run(path)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    result = run(tmp_path / "none.csv")
+    assert result.exit_code == 2
+    assert "none.csv" in result.stderr

@@ -1,0 +1,144 @@
+"""New gains are applied, watched, and taken back when the loop gets worse: the logic, without nodes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from itertools import count
+from typing import Any
+
+import pytest
+
+from fopid_core.design.identification.identify import IdentificationResult, identify
+from fopid_core.design.identification.record import Record
+from fopid_core.design.robust_verification import RobustLimits
+from fopid_core.design.specification import TuningRequest
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import read_process
+from fopid_core.runtime.watch import LoopMeter
+from fopid_ros.tuner.learning.handover import Controller, Handover, Outcome, Terms
+from fopid_ros.tuner.learning.history import History
+from fopid_ros.tuner.learning.loop_tap import Tick
+from fopid_ros.tuner.learning.loop_wait import CancelledError, Stage
+
+OLD = Fopid(0.5, 1.0, 0.0, 1.0, 1.0)
+SAMPLE_TIME = 0.01
+Loop = Callable[[float], float]
+"""Measurement at each time, about a setpoint of 1."""
+
+
+class Running:
+    """Stands for the loop: its signals, its controller, and the wait that lets time pass."""
+
+    def __init__(self, measurement: Loop, cancelled_at: float = math.inf) -> None:
+        self.history = History(10.0)
+        self.applied: list[Fopid] = []
+        self.stages: list[Stage] = []
+        self._measurement, self._cancelled_at = measurement, cancelled_at
+        self._hook: Callable[[Tick], None] | None = None
+
+    def every_tick(self, hook: Callable[[Tick], None] | None) -> None:
+        self._hook = hook
+
+    def apply(self, gains: Fopid) -> Fopid:
+        before = self.applied[-1] if self.applied else OLD
+        self.applied.append(gains)
+        return before
+
+    def tell(self, stage: Stage) -> None:
+        self.stages.append(stage)
+
+    def until(self, done: Callable[[], bool], stage: Callable[[], Stage]) -> None:
+        for time in self._times():
+            if done():
+                return
+            if time > self._cancelled_at:
+                raise CancelledError
+            assert self._hook is not None
+            self._hook(Tick(time, 1.0, self._measurement(time), 0.5))
+            self.tell(stage())
+
+    def _times(self) -> Iterator[float]:
+        return (SAMPLE_TIME * k for k in count())
+
+
+@pytest.fixture(scope="module")
+def learnt() -> IdentificationResult:
+    time = [0.02 * k for k in range(600)]
+    control = [1.0 if t >= 1.0 else 0.0 for t in time]
+    measured = [1.0 - math.exp(-max(t - 1.0, 0.0) / 0.5) for t in time]
+    return identify(Record(time, control, measured), "foptd")  # type: ignore[arg-type]
+
+
+def handover_of(running: Running, least_ticks: float = 2.0) -> Handover:
+    controller = Controller(OLD, SAMPLE_TIME, -math.inf, math.inf)
+    terms = Terms(TuningRequest(read_process("P1")), RobustLimits(), least_ticks)
+    loop: Any = running
+    return Handover(loop, loop, loop, controller, terms)
+
+
+def handed_over(running: Running, learnt: IdentificationResult) -> tuple[Handover, Outcome]:
+    handover = handover_of(running)
+    outcome = handover.design(learnt)
+    assert outcome.success, outcome.message
+    return handover, outcome
+
+
+def quiet() -> Any:
+    meter = LoopMeter(SAMPLE_TIME)
+    for k in range(200):
+        meter.step(1.0, 1.0 + 0.01 * math.sin(0.3 * k), saturated=False)
+    return meter.figures
+
+
+def test_a_design_that_leaves_too_few_ticks_is_refused(learnt: IdentificationResult) -> None:
+    outcome = handover_of(Running(lambda _: 1.0), least_ticks=1e4).design(learnt)
+    assert not outcome.success
+    assert "is below 100 s (verify.ticks)" in outcome.message
+
+
+def test_gains_under_which_the_loop_stays_as_good_are_kept(learnt: IdentificationResult) -> None:
+    running = Running(lambda t: 1.0 + 0.005 * math.sin(7.0 * t))
+    handover, outcome = handed_over(running, learnt)
+    tried = handover.try_out(outcome, quiet(), 0.01, 2.0)
+    assert tried.success
+    assert tried.applied
+    assert tried.previous == OLD
+    assert running.applied == [outcome.tuned.tuning.controller]
+    assert running.stages[-1].phase == "watching"
+
+
+@pytest.mark.parametrize(
+    "measurement",
+    [lambda t: 1.0 + 0.3 * (1.0 - math.exp(-t)), lambda t: 1.0 + 0.01 * math.exp(4.0 * t) * math.sin(20.0 * t)],
+    ids=["off the setpoint", "growing oscillation"],
+)
+def test_the_old_gains_are_back_when_the_loop_got_worse(learnt: IdentificationResult, measurement: Loop) -> None:
+    running = Running(measurement)
+    handover, outcome = handed_over(running, learnt)
+    tried = handover.try_out(outcome, quiet(), 0.01, 2.0)
+    assert not tried.success
+    assert not tried.applied
+    assert tried.rolled_back
+    assert running.applied == [outcome.tuned.tuning.controller, OLD]
+    assert "the previous gains are back, since the loop got worse" in tried.message
+
+
+def test_what_is_not_to_be_borne_ends_the_trial_at_once(learnt: IdentificationResult) -> None:
+    running = Running(lambda t: 1.0 + (0.011 if t > 0.2 else 0.0))
+    handover, outcome = handed_over(running, learnt)
+    tried = handover.try_out(
+        outcome, quiet(), 0.01, 2.0, outside=lambda tick: "left its band" if tick.measurement > 1.01 else ""
+    )
+    assert tried.rolled_back
+    assert "left its band" in tried.message
+    assert running.applied[-1] == OLD
+
+
+def test_a_trial_that_is_cancelled_can_be_taken_back(learnt: IdentificationResult) -> None:
+    running = Running(lambda _: 1.0, cancelled_at=0.1)
+    handover, outcome = handed_over(running, learnt)
+    with pytest.raises(CancelledError):
+        handover.try_out(outcome, quiet(), 0.01, 2.0)
+    handover.take_back()
+    assert running.applied[-1] == OLD

@@ -1,0 +1,77 @@
+"""What the tuner remembers of the running loop."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fopid_core.errors import InputError
+from fopid_ros.tuner.learning.history import History
+
+
+def filled(kept: float = 100.0, samples: int = 50) -> History:
+    history = History(kept)
+    history.add("setpoint", 0.0, 1.0)
+    for k in range(samples):
+        history.add("measurement", 0.1 * k - 0.03, 10.0 + k)
+        history.add("control", 0.1 * k, 20.0 + k)
+    return history
+
+
+def test_a_record_holds_what_the_controller_saw_at_each_tick() -> None:
+    record = filled().record()
+    assert np.allclose(record.time, 0.1 * np.arange(50))
+    assert np.array_equal(record.measurement, 10.0 + np.arange(50))
+    assert np.array_equal(record.control, 20.0 + np.arange(50))
+    assert np.array_equal(record.setpoint, np.ones(50))
+
+
+def test_a_measurement_with_the_stamp_of_the_control_belongs_to_it() -> None:
+    history = History(100.0)
+    for k in range(40):
+        history.add("measurement", 0.1 * k, float(k))
+        history.add("control", 0.1 * k, -float(k))
+    record = history.record()
+    assert np.array_equal(record.measurement, -record.control)
+
+
+def test_only_the_newest_stretch_is_kept_and_asked_for() -> None:
+    assert filled(kept=3.95).record().span == pytest.approx(4.0)  # and the one before, which still holds
+    assert filled().record(since=0.95).span == pytest.approx(3.9)
+
+
+def test_a_setpoint_that_does_not_change_is_never_forgotten() -> None:
+    assert filled(kept=4.0, samples=500).record().setpoint is not None
+
+
+def test_time_running_backwards_starts_the_history_anew() -> None:
+    history = filled()
+    for k in range(40):
+        history.add("measurement", 1.0 + 0.1 * k, 0.0)
+        history.add("control", 1.0 + 0.1 * k, 0.0)
+    assert not history.record().measurement.any()
+
+
+def test_two_controls_at_one_instant_count_as_the_newer() -> None:
+    history = filled()
+    history.add("control", 4.9, 99.0)
+    assert history.record().control[-1] == 99.0
+    assert history.record().time.size == 50
+
+
+@pytest.mark.parametrize("silent", ["measurement", "control"])
+def test_a_silent_signal_is_named(silent: str) -> None:
+    history = History(10.0)
+    other = {"measurement": "control", "control": "measurement"}[silent]
+    for k in range(50):
+        history.add(other, 0.1 * k, 0.0)
+    with pytest.raises(InputError, match=f"{silent} has not been heard"):
+        history.record()
+
+
+def test_a_short_history_is_refused() -> None:
+    with pytest.raises(InputError, match="record of 5 samples"):
+        filled(samples=5).record()
+    assert math.isnan(History(1.0).newest("control"))

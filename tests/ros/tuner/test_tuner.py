@@ -1,0 +1,183 @@
+"""The tuner reparameterises the running controller, and changes nothing when it should not."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterEvent
+
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
+from fopid_core.model.margins import margins
+from fopid_core.model.process import read_process
+from fopid_core.runtime.controller import ControllerSettings, FopidController
+from fopid_msgs.msg import TuningResult
+from fopid_msgs.srv import Reduce, Tune
+from fopid_ros.common.managed_node import latched_qos
+
+from ..conftest import Graph, LockstepLoop, own_domain
+
+PI = {"kp": 0.68, "ki": 0.29}
+GAINS = ("kp", "ki", "kd", "lam", "mu")
+
+
+def start_tuner(graph: Graph, **parameters: object) -> None:
+    graph.start("fopid_tuner", {"process": "P1", **parameters})
+
+
+def test_frequency_tuning_is_applied_and_does_what_was_asked(graph: Graph) -> None:
+    graph.start("fopid_controller", PI)
+    start_tuner(graph)
+    events = graph.listen(ParameterEvent, "/parameter_events")
+    request = Tune.Request(method="frequency", phase_margin=math.radians(80), crossover=0.3, apply=True)
+    answer = graph.call(Tune, "fopid_tuner/tune", request)
+    assert answer.success, answer.message
+    assert answer.applied
+    gains = graph.get("fopid_controller", *GAINS)
+    assert gains == [getattr(answer.gains, name) for name in GAINS]
+    measured = margins(Loop(read_process("P1"), Fopid(*gains)))
+    assert measured.phase_margin == pytest.approx(math.radians(80), abs=1e-6)
+    assert measured.crossover == pytest.approx(0.3, abs=1e-6)
+    changed = [e for e in events if e.node == "/fopid_controller" and e.changed_parameters]
+    graph.until(lambda: changed or any(e.changed_parameters for e in events), "the parameter event")
+
+    results = graph.listen(TuningResult, "fopid_tuner/result", latched_qos())
+    graph.until(lambda: results, "the result for those who come late")
+    assert results[0].applied
+    assert results[0].previous_gains.kp == PI["kp"]
+    assert [getattr(results[0].gains, name) for name in GAINS] == gains
+
+
+def test_time_tuning_keeps_its_bound_on_ms(graph: Graph) -> None:
+    graph.start("fopid_controller", PI)
+    start_tuner(graph)
+    answer = graph.call(Tune, "fopid_tuner/tune", Tune.Request(method="time", index="itae", ms_max=1.6, apply=True))
+    assert answer.applied, answer.message
+    loop = Loop(read_process("P1"), Fopid(*graph.get("fopid_controller", *GAINS)))
+    assert margins(loop).ms <= 1.6 * (1 + 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("fields", "named"),
+    [
+        ({"method": "frequency", "crossover": -1.0}, "crossover = -1.0"),
+        ({"method": "frequency", "crossover": math.nan}, "crossover = nan"),
+        ({"method": "frequency", "phase_margin": 4.0}, "phase_margin = 4.0"),
+        ({"method": "magic"}, "'magic'"),
+        ({"method": "time", "index": "iaee"}, "'iaee'"),
+        ({"method": "time", "ms_max": 0.5}, "ms_max = 0.5"),
+        ({"method": "rule", "rule": "folklore"}, "'folklore'"),
+        ({"process": "1/(s+"}, "character 6"),
+        ({"process": "P9"}, "'P9'"),
+        ({"t_max_db": -40.0}, "t_max_frequency"),
+    ],
+)
+def test_bad_specifications_are_named_and_change_nothing(shared_graph: Graph, fields: dict, named: str) -> None:
+    before = shared_graph.get("fopid_controller", *GAINS)
+    answer = shared_graph.call(Tune, "fopid_tuner/tune", Tune.Request(apply=True, **fields))
+    assert not answer.success
+    assert not answer.applied
+    assert named in answer.message, answer.message
+    assert shared_graph.get("fopid_controller", *GAINS) == before
+
+
+def test_a_design_that_cannot_be_stable_is_never_applied(shared_graph: Graph) -> None:
+    before = shared_graph.get("fopid_controller", *GAINS)
+    request = Tune.Request(
+        process="1/(s-1) * exp(-3s)", method="frequency", phase_margin=1.0, crossover=2.0, apply=True
+    )  # no controller holds an unstable pole behind so long a delay
+    answer = shared_graph.call(Tune, "fopid_tuner/tune", request)
+    assert not answer.applied
+    assert not answer.success
+    assert shared_graph.get("fopid_controller", *GAINS) == before
+
+
+def test_a_design_too_fast_for_the_tick_is_never_applied(shared_graph: Graph) -> None:
+    """Stable in continuous time, but with a loop gain above 1 at all frequencies no sampled loop bears it."""
+    before = shared_graph.get("fopid_controller", *GAINS)
+    answer = shared_graph.call(Tune, "fopid_tuner/tune", Tune.Request(process="(s+1)/(s+2)", apply=True))
+    assert answer.achieved.stable
+    assert not answer.applied
+    assert "delay margin 0 s is below 0.02 s" in answer.message
+    assert shared_graph.get("fopid_controller", *GAINS) == before
+
+
+def test_without_apply_nothing_is_changed(shared_graph: Graph) -> None:
+    before = shared_graph.get("fopid_controller", *GAINS)
+    request = Tune.Request(method="frequency", phase_margin=1.2, crossover=0.4)
+    answer = shared_graph.call(Tune, "fopid_tuner/tune", request)
+    assert answer.success
+    assert not answer.applied
+    assert shared_graph.get("fopid_controller", *GAINS) == before
+
+
+def test_reduce_names_the_template_it_prefers(shared_graph: Graph) -> None:
+    answer = shared_graph.call(Reduce, "fopid_tuner/reduce", Reduce.Request(process="P2"))
+    assert answer.success, answer.message
+    errors = {model.template_name: model.h2_error for model in answer.models}
+    assert answer.preferred == min(errors, key=errors.get) == "nioptd2"
+
+
+def test_while_busy_others_are_answered_and_a_second_tuning_is_refused(graph: Graph) -> None:
+    start_tuner(graph)
+    client = graph.client(Tune, "fopid_tuner/tune")
+    graph.parameters("fopid_tuner")
+    slow = Tune.Request(method="time", index="istes", process="1/(s+1)^8 * exp(-2s)")
+    first = client.call_async(slow)
+    second = client.call_async(slow)
+    third = client.call_async(slow)
+    assert graph.get("fopid_tuner", "controller") == ["fopid_controller"]
+    answers = [graph.result(future, 60) for future in (first, second, third)]
+    refused = [a for a in answers if "busy" in a.message]
+    assert len(refused) == 2, [a.message for a in answers]
+
+
+def test_no_controller_is_said(graph: Graph) -> None:
+    start_tuner(graph)
+    answer = graph.call(Tune, "fopid_tuner/tune", Tune.Request(phase_margin=1.2, crossover=0.4, apply=True))
+    assert not answer.success
+    assert "no controller 'fopid_controller'" in answer.message
+
+
+def test_new_gains_are_taken_without_a_bump(graph: Graph) -> None:
+    loop = LockstepLoop(graph, "P1", PI)
+    start_tuner(graph)
+    loop.publish("setpoint", 1.0)
+    loop.advance(12.0)  # the loop still moves: a change here would show
+    request = Tune.Request(method="frequency", phase_margin=math.radians(80), crossover=0.3, apply=True)
+    answer = graph.call(Tune, "fopid_tuner/tune", request)
+    assert answer.applied, answer.message
+    loop.advance(13.0)
+
+    gains = Fopid(*(getattr(answer.gains, name) for name in GAINS))
+    always_new = FopidController(ControllerSettings(gains))
+    would_be = [always_new.step(1.0, m.value) for m in loop.measurements]
+    control = [m.value for m in loop.controls]
+    # From the change on, each step of the control is the one that a controller with the new gains all along takes.
+    for k in range(1200, 1300):
+        assert control[k] - control[k - 1] == pytest.approx(would_be[k] - would_be[k - 1], abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def shared_graph(tmp_path_factory: pytest.TempPathFactory):
+
+    with own_domain() as domain:
+        graph = Graph(domain, tmp_path_factory.mktemp("graph"))
+        try:
+            graph.start("fopid_controller", PI)
+            start_tuner(graph)
+            yield graph
+        finally:
+            graph.close()
+
+
+def test_the_tuner_tells_of_its_health(graph: Graph) -> None:
+    start_tuner(graph)
+    heard = graph.listen(DiagnosticArray, "/diagnostics")
+    graph.until(lambda: heard, "diagnostics of the tuner")
+    status = heard[0].status[0]
+    assert status.name == "/fopid_tuner"
+    assert status.message == "idle"
+    assert {pair.key: pair.value for pair in status.values}["process"] == "P1"
