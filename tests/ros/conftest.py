@@ -27,6 +27,10 @@ from fopid_msgs.msg import FopidState, ScalarStamped
 from fopid_msgs.srv import Advance
 from fopid_ros.experiment.child_processes import ros_arguments
 
+from .node_process import NodeProcess
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `make` sets it; before the first numpy of a node
+
 BIN = Path(sys.executable).parent
 _DOMAINS = itertools.islice(itertools.cycle(range(1, 101)), os.getpid() % 100, None)
 PATIENCE = 60.0
@@ -51,7 +55,7 @@ class Graph:
         }
         self.domain = domain
         self._folder = folder
-        self._processes: list[subprocess.Popen[str]] = []
+        self._processes: list[NodeProcess] = []
         self._clients: dict[str, Any] = {}
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
@@ -59,15 +63,10 @@ class Graph:
         self.executor = EventsExecutor(context=self.context)
         self.executor.add_node(self.node)
 
-    def start(self, executable: str, parameters: Mapping[str, object], *more: str) -> subprocess.Popen[str]:
-        """Start an executable; its output goes to a file that ``output`` reads."""
+    def start(self, executable: str, parameters: Mapping[str, object], *more: str) -> NodeProcess:
+        """Start an executable; its output goes to a file that ``logs`` reads."""
         log = self._folder / f"{executable}-{len(self._processes)}.log"
-        with log.open("w") as sink:
-            process = subprocess.Popen(
-                [BIN / executable, *ros_arguments(parameters), *more], env=self.environment, stdin=subprocess.DEVNULL,
-                stdout=sink, stderr=subprocess.STDOUT, text=True,
-            )  # fmt: skip
-        process.log = log
+        process = NodeProcess(executable, [*ros_arguments(parameters), *more], self.environment, log)
         self._processes.append(process)
         return process
 

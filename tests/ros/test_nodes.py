@@ -72,7 +72,7 @@ def test_help_tells_what_can_be_set(graph: Graph, executable: str) -> None:
     assert "usage" in told.stdout
 
 
-@pytest.mark.parametrize("name", ["P1", "P2", "P3", "P4"])
+@pytest.mark.parametrize("name", ["P1", *[pytest.param(name, marks=pytest.mark.slow) for name in ("P2", "P3", "P4")]])
 def test_parameter_files_serve_all_three_nodes_in_any_namespace(graph: Graph, name: str) -> None:
     more = ["--params-file", str(CONFIG / f"{name}.yaml"), "-r", "__ns:=/hall/seven"]
     for executable in ("plant_simulator", "fopid_controller", "fopid_tuner"):

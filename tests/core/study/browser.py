@@ -16,6 +16,7 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 WITHOUT_BROWSER = "no Chromium or Chrome on this machine"
 NEEDS_BROWSER = [
     pytest.mark.browser,
+    pytest.mark.slow,
     pytest.mark.skipif(BROWSER is None and "FOPID_NEED_BROWSER" not in os.environ, reason=WITHOUT_BROWSER),
 ]
 

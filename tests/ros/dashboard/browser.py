@@ -20,6 +20,7 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 WITHOUT_BROWSER = "no Chromium or Chrome on this machine"
 NEEDS_BROWSER = [
     pytest.mark.browser,
+    pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None and "FOPID_NEED_BROWSER" not in os.environ, reason=WITHOUT_BROWSER),
 ]
 PATIENCE = 30.0

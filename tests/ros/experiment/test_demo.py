@@ -29,7 +29,7 @@ def environment(domain: int) -> dict[str, str]:
     return {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 
 
-@pytest.mark.parametrize("process", ["P1", "9/((s+1)(s^2+2s+9)) * exp(-0.1s)"])
+@pytest.mark.parametrize("process", ["P1", pytest.param("9/((s+1)(s^2+2s+9)) * exp(-0.1s)", marks=pytest.mark.slow)])
 def test_demo_tunes_twice_records_and_reports(tmp_path: Path, process: str) -> None:
     out = tmp_path / "run"
     with own_domain() as domain:
@@ -85,9 +85,19 @@ def replayed(experiment, tunings, samples: int) -> list[float]:
     return list(trace.measurement)
 
 
-@pytest.mark.parametrize("after", [0.3, 2.0, 3.5, 5.0])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_leaves_no_process_and_a_bag_that_opens(tmp_path: Path, after: float, number: int) -> None:
+@pytest.mark.parametrize(
+    ("number", "after"),
+    [
+        (signal.SIGINT, 3.5),
+        *[
+            pytest.param(number, after, marks=pytest.mark.slow)
+            for number in (signal.SIGINT, signal.SIGTERM)
+            for after in (0.3, 2.0, 3.5, 5.0)
+            if (number, after) != (signal.SIGINT, 3.5)
+        ],
+    ],
+)
+def test_an_interrupt_leaves_no_process_and_a_bag_that_opens(tmp_path: Path, number: int, after: float) -> None:
     out = tmp_path / "run"
     with own_domain() as domain:
         demo = subprocess.Popen([BIN / "fopid_demo", "--out", out], env=environment(domain), stderr=subprocess.PIPE,
@@ -137,6 +147,7 @@ def experiment_file(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_an_experiment_without_a_controller_says_so(graph: Graph, tmp_path: Path) -> None:
     graph.start("plant_simulator", {"process": "P4", "trigger": "lockstep", "advance_until": 0.0})
     ended = subprocess.run([BIN / "experiment", experiment_file(tmp_path), "--out", tmp_path / "run"],
@@ -169,6 +180,7 @@ def test_a_second_demo_on_the_same_domain_starts_nothing(tmp_path: Path) -> None
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
     out = tmp_path / "run"
     limited = f'ulimit -f 300; exec "{BIN / "fopid_demo"}" --process P4 --out "{out}"'  # files of 300 blocks at most

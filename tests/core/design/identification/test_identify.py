@@ -85,6 +85,7 @@ def test_the_parameters_of_a_process_in_the_class_are_found(
     assert dict(model.parameters) == pytest.approx(parameters, rel=2e-3, abs=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("template", ["foptd", "soptd"])
 def test_deviations_are_those_that_repeated_experiments_show(template: str) -> None:
     process = {"foptd": "3/(2s+1)*exp(-0.7s)", "soptd": "2/(s^2+1.6s+4)*exp(-0.3s)"}[template]

@@ -90,6 +90,7 @@ def test_a_design_is_the_tuners_for_the_process_as_it_is(results: pa.Table) -> N
     assert all(r["met"] for r in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("suffix", "workers"), [(".csv", 1), (".parquet", 2)])
 def test_workers_and_kind_of_file_do_not_change_the_numbers(
     results: pa.Table, tmp_path: Path, suffix: str, workers: int

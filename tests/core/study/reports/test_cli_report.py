@@ -64,6 +64,7 @@ def test_report_says_how_many_samples_are_missing(bag: Path, tmp_path: Path) -> 
     assert "0 of 2,400 missing" in fopid("report", bag, "--out", tmp_path / "a.html").stdout
 
 
+@pytest.mark.slow
 def test_signals_elsewhere_and_the_process_can_be_named_and_figures_asked_for(tmp_path: Path) -> None:
     recording = Recording(tmp_path / "bag", StoragePlugin.MCAP)
     for k in range(100):

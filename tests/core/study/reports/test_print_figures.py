@@ -27,6 +27,7 @@ def figures():
     return {"signals": signals_figure(run), **loop_figures(Loop(Process.parse("1/(s+1)^3"), Fopid(1.5, 0.6)))}
 
 
+@pytest.mark.slow
 def test_each_figure_is_written_in_each_format_at_print_size(figures, tmp_path: Path) -> None:
     chosen = {name: figures[name] for name in ("signals", "nyquist")}
     written = save_all(chosen, tmp_path / "new")
@@ -46,6 +47,7 @@ def test_the_same_figure_is_the_same_file(figures, tmp_path: Path) -> None:
         assert (tmp_path / f"a.{ending}").read_bytes() == (tmp_path / f"b.{ending}").read_bytes()
 
 
+@pytest.mark.slow
 def test_every_curve_text_and_title_of_the_page_is_there(figures, tmp_path: Path) -> None:
     import matplotlib as mpl
 

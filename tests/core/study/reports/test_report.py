@@ -114,6 +114,7 @@ def test_texts_from_a_bag_cannot_become_markup(tmp_path: Path) -> None:
     assert Outline(page).open == []
 
 
+@pytest.mark.slow
 def test_several_runs_stand_side_by_side(bag: Path, tmp_path: Path) -> None:
     second = record(tmp_path / "second")
     outline = Outline(render([read_bag(bag), read_bag(second)]))

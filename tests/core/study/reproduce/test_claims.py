@@ -20,6 +20,7 @@ from fopid_core.study.reproduce.conclusions import DesignFigures, Pair, design_f
 CLASSICAL = Fopid(2.0, 1.0, 0.5)
 
 
+@pytest.mark.slow
 def test_the_figures_are_those_of_python_control() -> None:
     found = design_figures("P1", CLASSICAL)
     s = control.tf("s")
@@ -36,6 +37,7 @@ def test_the_figures_are_those_of_python_control() -> None:
         assert overshoot == pytest.approx(100.0 * (output.max() - 1.0), abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_control_that_is_compared_is_the_peak_of_the_running_controller() -> None:
     designs = printed_pairs()[1]
     for figures_of in (designs.frequency, designs.time):

@@ -23,7 +23,13 @@ DOCS = Path(__file__).parents[4] / "docs" / "errata.md"
 MODEL = printed_model("P1", "nioptd2").parameters
 
 
-@pytest.mark.parametrize("erratum", ERRATA, ids=lambda erratum: erratum.key)
+LONG = ("indices-of-other-gains", "double-precision")  # seconds each
+
+
+@pytest.mark.parametrize(
+    "erratum",
+    [pytest.param(erratum, id=erratum.key, marks=[pytest.mark.slow] * (erratum.key in LONG)) for erratum in ERRATA],
+)
 def test_the_check_finds_the_error_and_gives_a_figure(erratum) -> None:
     assert erratum.finding.confirmed, erratum.finding.says
     assert re.search(r"\d", erratum.finding.says)

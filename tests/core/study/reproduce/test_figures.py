@@ -35,6 +35,7 @@ def test_the_page_gets_axes_with_units_and_a_legend_without_doubles() -> None:
     assert figure["layout"]["annotations"][0]["x"] == 0.0  # the power of ten
 
 
+@pytest.mark.slow
 def test_the_files_show_the_same_and_are_the_same_every_time(tmp_path: Path) -> None:
     figure = PaperFigure(3, "caption", "remark", (PANEL, PANEL))
     (tmp_path / "again").mkdir()

@@ -30,6 +30,7 @@ def small(monkeypatch: pytest.MonkeyPatch, found: Reproduction) -> Reproduction:
     return found
 
 
+@pytest.mark.slow
 def test_all_is_written_and_the_json_holds_it_too(small: Reproduction, tmp_path: Path) -> None:
     out = tmp_path / "new" / "folder"
     done = CliRunner().invoke(main, ["reproduce", "--out", str(out), "--json"])
