@@ -62,7 +62,15 @@ def test_every_parameter_is_described_with_what_is_allowed(graph: Graph) -> None
     assert (orders.from_value, orders.to_value) == (0.0, 2.0)
     (poles,) = told["band.poles"].integer_range
     assert (poles.from_value, poles.to_value) == (0, 60)
+    (gain,) = told["kp"].floating_point_range
+    assert (gain.from_value, gain.to_value) == (-10.0, 10.0)
+    assert graph.set(NAME, kp=25.0).successful
+    request = DescribeParameters.Request(names=["kp"])
+    ((gain,),) = (d.floating_point_range for d in graph.call(DescribeParameters, f"{NAME}/describe_parameters",
+                                                             request).descriptors)  # fmt: skip
+    assert gain.from_value < 25.0 < gain.to_value
     assert "0 to inf" in told["control_rate_max"].additional_constraints
+    assert "0 to 1e+09" in told["measurement_timeout"].additional_constraints
     assert "hold, safe, manual" in told["on_stale"].additional_constraints
     assert "unconfigured" in told["sample_time"].additional_constraints
     assert not told["sample_time"].read_only
@@ -140,6 +148,32 @@ def test_saved_gains_and_everything_else_are_read_by_a_restart(graph: Graph, tmp
     assert graph.get(name, *every) == before
     assert graph.get(name, *changes) == list(changes.values())
     assert graph.get(name, "qos_overrides./hall/control.publisher.depth") == [3]
+
+
+def test_a_dump_is_loaded_as_a_whole_or_not_at_all(graph: Graph, tmp_path: Path) -> None:
+    """As ``ros2 param dump`` and ``ros2 param load`` do it: the same call of rclpy, and the same request."""
+    graph.start(NAME, {"kp": 1e-05, "ki": 2.0, "control_rate_max": 1e22, "setpoint.initial": 1.0})
+    client = graph.parameters(NAME)
+    names = list(graph.result(client.list_parameters()).result.names)
+    assert {"autostart", "use_sim_time", "control_max", "qos_overrides./control.publisher.depth"} <= set(names)
+    before = graph.get(NAME, *names)
+
+    def load(**changes: object) -> list:
+        file, values = tmp_path / "dump.yaml", dict(zip(names, before, strict=True)) | changes
+        file.write_text(yaml.safe_dump({f"/{NAME}": {"ros__parameters": values}}))
+        return list(graph.result(client.load_parameter_file(str(file))).results)
+
+    assert all(result.successful for result in load())
+    assert graph.get(NAME, *names) == before
+    # Neither limit is allowed beside the other's old value, whichever comes first.
+    assert graph.set(NAME, control_min=-1.0, control_max=1.0).successful
+    assert all(result.successful for result in load(control_min=-9.0, control_max=-2.0, safe_control=-3.0, kp=25.0))
+    limits = ("control_min", "control_max", "safe_control", "kp")
+    assert graph.get(NAME, *limits) == [-9.0, -2.0, -3.0, 25.0]
+    refused = load(kp=3.0, lam=5.0, sample_time=0.01)
+    assert [result.reason for result in refused] == ["lam = 5.0; allowed: 0 to 2"] * len(names)
+    assert graph.get(NAME, *limits) == [-9.0, -2.0, -3.0, 25.0]
+    assert not any(result.successful for result in load(autostart=False, kp=3.0))
 
 
 def test_what_the_node_saves_is_what_the_export_reads(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import rclpy
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.context import Context
 from rclpy.exceptions import InvalidNamespaceException, InvalidNodeNameException
@@ -28,7 +29,15 @@ from rclpy.task import Future
 
 from fopid_core.errors import InputError
 from fopid_ros.common.endpoints import Endpoints
-from fopid_ros.common.parameters import Spec, check_changes, converted, current_values, declare
+from fopid_ros.common.parameters import (
+    Spec,
+    check_changes,
+    converted,
+    current_values,
+    declare,
+    widen_sliders,
+    without_idle,
+)
 
 FOREVER = 1e8  # [s]
 LAST_DOMAIN = 232  # its UDP ports are the last below 65536
@@ -90,6 +99,7 @@ class ManagedNode(LifecycleNode):
         self.last_rejected = ""
         self._not_configured = ""
         self._survive_wrong_transitions()
+        self._set_requests_whole()
         try:
             declare(self, self._specs)
             if self.get_parameter("autostart").value:
@@ -114,11 +124,14 @@ class ManagedNode(LifecycleNode):
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """All or none, and a refusal names the parameter, its value and what is allowed."""
-        changes = converted(self._specs, parameter_list)
+        changes = without_idle(self, converted(self._specs, parameter_list))
+        if not changes:
+            return SetParametersResult(successful=True)
         try:
             check_changes(self, self._specs, changes, configured=self.configured)
             if self.configured:
                 self.check(self.values(changes))
+            widen_sliders(self, self._specs, changes)
             result = super().set_parameters_atomically(changes)
         except InputError as error:
             result = SetParametersResult(successful=False, reason=str(error))
@@ -126,6 +139,20 @@ class ManagedNode(LifecycleNode):
             self.last_rejected = result.reason
             self.get_logger().warning(f"parameters rejected, nothing changed: {result.reason}")
         return result
+
+    def _set_requests_whole(self) -> None:
+        """Take a request of ``~/set_parameters`` as one set, too: half of a file that is loaded would be no controller.
+
+        Its answer has a result for each parameter, all of them the same.
+        """
+        (service,) = (one for one in self.services if one.srv_type is SetParameters)
+
+        def answer(request: SetParameters.Request, response: SetParameters.Response) -> SetParameters.Response:
+            changes = [Parameter.from_parameter_msg(change) for change in request.parameters]
+            response.results = [self.set_parameters_atomically(changes)] * len(changes)
+            return response
+
+        service.callback = answer
 
     def _after_set(self, changes: list[Parameter]) -> None:
         if any(change.name in self._specs for change in changes):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, get_parameter_value, parameter_value_to_python
 
 from fopid_core.errors import InputError
 
@@ -19,6 +20,14 @@ Value = bool | int | float | str
 
 QOS_PREFIX = "qos_overrides."
 """Parameters of this prefix are rclpy's own, declared with the topics."""
+
+WIDEST = 1e3
+"""A bound beyond this is too far for a slider: tools are told that there is none, and the check keeps it."""
+LARGEST_INTEGER = 2**31 - 1
+"""Of a slider for whole numbers."""
+
+_NUMBER_AS_TEXT = re.compile(r"[-+]?(\.?inf|(\d+\.?\d*|\.\d+)e[-+]?\d+)", re.IGNORECASE)
+"""Numbers that ``ros2 param set`` and ``ros2 param load`` send as texts, since YAML 1.1 reads them so."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +49,8 @@ class Spec:
         Whether it can only be given at the start.
     at_configure : bool
         Whether it is read at configure, so that it stays as it is until cleanup.
+    slides : bool
+        Whether tools are told a range of ten times the value, which grows with it, in place of ``low`` and ``high``.
     """
 
     name: str
@@ -50,28 +61,50 @@ class Spec:
     choices: tuple[str, ...] = ()
     read_only: bool = False
     at_configure: bool = False
+    slides: bool = False
 
-    def descriptor(self) -> ParameterDescriptor:
-        """What ROS tools are told of the parameter."""
+    def descriptor(self, value: Value | None = None) -> ParameterDescriptor:
+        """What ROS tools are told of the parameter, while it has this value."""
         described = ParameterDescriptor(
             name=self.name,
             description=self.description,
             read_only=self.read_only,
             additional_constraints=self._constraints(),
         )
-        bounded = math.isfinite(self.low) and math.isfinite(self.high)
-        if bounded and isinstance(self.default, float):
-            described.floating_point_range = [FloatingPointRange(from_value=self.low, to_value=self.high)]
-        elif bounded and type(self.default) is int:
-            described.integer_range = [IntegerRange(from_value=int(self.low), to_value=int(self.high), step=1)]
+        low, high = self.told_range(self.default if value is None else value)
+        if isinstance(self.default, float) and (low, high) != (-math.inf, math.inf):
+            described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        elif type(self.default) is int and max(-low, high) <= LARGEST_INTEGER:
+            described.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
         return described
+
+    def told_range(self, value: Any) -> tuple[float, float]:
+        """The range that a slider shows; infinite where there is no bound, or one that is far away.
+
+        Examples
+        --------
+        >>> Spec("kp", 0.0, "", -1e100, 1e100, slides=True).told_range(0.25)
+        (-10.0, 10.0)
+        >>> Spec("age", 0.0, "", 0.0, 1e9).told_range(1.0)
+        (0.0, inf)
+        """
+        low, high = self.low, self.high
+        if self.slides:
+            reach = 10.0 ** (1 + math.ceil(math.log10(abs(value or 1.0))))
+            return max(low, -reach), min(high, reach)
+        if isinstance(self.default, float):
+            return low if abs(low) <= WIDEST else -math.inf, high if abs(high) <= WIDEST else math.inf
+        return low, high
 
     def _constraints(self) -> str:
         """What the ranges of a descriptor cannot say."""
+        low, high = self.told_range(self.default)
         said = []
         if self.choices:
             said.append(f"one of: {', '.join(self.choices)}")
-        elif math.isfinite(self.low) != math.isfinite(self.high):
+        elif self.slides:
+            said.append(f"{self._allowed()}; the range is a slider's and grows with the value")
+        elif self._bounded and math.inf in (-low, high):
             said.append(self._allowed())
         if self.at_configure:
             said.append("changes only while the node is unconfigured")
@@ -91,17 +124,35 @@ class Spec:
     def _allowed(self) -> str:
         if self.choices:
             return ", ".join(self.choices)
-        if math.isfinite(self.low) or math.isfinite(self.high):
+        if self._bounded:
             return f"{self.low:g} to {self.high:g}"
         return self._kind()
+
+    @property
+    def _bounded(self) -> bool:
+        return math.isfinite(self.low) or math.isfinite(self.high)
 
     def _kind(self) -> str:
         return {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}[type(self.default)]
 
     def converted(self, value: Any) -> Any:
-        """``value`` as typed at a start: a whole number serves as a number, a number as text."""
+        """``value`` as it was meant: a whole number serves as a number, a number as text.
+
+        Texts such as ``inf`` and ``1e-05`` are numbers, and ``off`` is no truth value, though YAML reads them so.
+
+        Examples
+        --------
+        >>> Spec("control_max", 0.0, "").converted("inf")
+        inf
+        >>> Spec("adapt", "off", "", choices=("off", "apply")).converted(False)
+        'off'
+        """
         if isinstance(self.default, float) and type(value) is int:
             return float(value)
+        if isinstance(self.default, float) and isinstance(value, str) and _NUMBER_AS_TEXT.fullmatch(value):
+            return float(value.lower().replace(".inf", "inf"))
+        if isinstance(value, bool):
+            return next((choice for choice in self.choices if _as_yaml(choice) is value), value)
         if isinstance(self.default, str) and type(value) in (int, float):
             return str(value)
         return value
@@ -124,9 +175,15 @@ def declare(node: Node, specs: Mapping[str, Spec]) -> None:
             spec.check(value)
             overrides[spec.name] = Parameter(spec.name, value=value)
         try:
-            node.declare_parameter(spec.name, spec.default, spec.descriptor())
+            present = overrides[spec.name].value if given is not None else spec.default
+            node.declare_parameter(spec.name, spec.default, spec.descriptor(present))
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise InputError(" ".join(str(error).split())) from None
+
+
+def _as_yaml(text: str) -> Any:
+    """What the command ``ros2 param`` makes of a text."""
+    return parameter_value_to_python(get_parameter_value(text))
 
 
 def _refuse_unknown(node: Node, specs: Mapping[str, Spec], names: Iterable[str]) -> None:
@@ -155,6 +212,26 @@ def converted(specs: Mapping[str, Spec], changes: Iterable[Parameter]) -> list[P
         Parameter(change.name, value=specs[change.name].converted(change.value)) if change.name in specs else change
         for change in changes
     ]
+
+
+def without_idle(node: Node, changes: Iterable[Parameter]) -> list[Parameter]:
+    """The changes without those that give a read-only parameter the value that it has: a dump holds them, too."""
+    return [
+        change for change in changes
+        if not (node.has_parameter(change.name) and node.describe_parameter(change.name).read_only
+                and node.get_parameter(change.name).value == change.value)
+    ]  # fmt: skip
+
+
+def widen_sliders(node: Node, specs: Mapping[str, Spec], changes: Iterable[Parameter]) -> None:
+    """Let the ranges that tools are told of grow, so that the new values lie within."""
+    for change in changes:
+        spec = specs.get(change.name)
+        if spec is None or not spec.slides:
+            continue
+        (told,) = node.describe_parameter(change.name).floating_point_range
+        low, high = spec.told_range(change.value)
+        told.from_value, told.to_value = min(told.from_value, low), max(told.to_value, high)
 
 
 def check_changes(node: Node, specs: Mapping[str, Spec], changes: Iterable[Parameter], *, configured: bool) -> None:

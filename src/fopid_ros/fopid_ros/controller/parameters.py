@@ -18,9 +18,9 @@ from fopid_ros.common.signals import SignalType, signal_specs
 SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "tracking", "control")
 
 SPECS = (
-    Spec("kp", 0.0, "proportional gain", -LARGEST, LARGEST),
-    Spec("ki", 0.0, "integral gain [1/s^lam]", -LARGEST, LARGEST),
-    Spec("kd", 0.0, "derivative gain [s^mu]", -LARGEST, LARGEST),
+    Spec("kp", 0.0, "proportional gain", -LARGEST, LARGEST, slides=True),
+    Spec("ki", 0.0, "integral gain [1/s^lam]", -LARGEST, LARGEST, slides=True),
+    Spec("kd", 0.0, "derivative gain [s^mu]", -LARGEST, LARGEST, slides=True),
     Spec("lam", 1.0, "order of the integral", *ORDER_RANGE),
     Spec("mu", 1.0, "order of the derivative", *ORDER_RANGE),
     Spec("sample_time", 0.01, "time between ticks [s]", 1e-6, 1e6, at_configure=True),

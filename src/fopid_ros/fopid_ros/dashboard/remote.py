@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -43,7 +44,8 @@ async def answer(future: Future, who: str, seconds: float, is_there: Callable[[]
 
 def _range(descriptor: ParameterDescriptor) -> tuple[float | None, float | None]:
     for allowed in (*descriptor.floating_point_range, *descriptor.integer_range):
-        return allowed.from_value, allowed.to_value
+        low, high = float(allowed.from_value), float(allowed.to_value)
+        return low if math.isfinite(low) else None, high if math.isfinite(high) else None
     return None, None
 
 

@@ -32,7 +32,9 @@ SPECS = (
     Spec("pade_order", 3, "order of Pade's approximation of the delay", 1, 10, read_only=True),
     Spec("noise_std", 0.0, "standard deviation of the white measurement noise", 0.0, 1e300, read_only=True),
     Spec("seed", 0, "seed of the noise", 0, 2**53, read_only=True),
-    Spec("gain_factor", 1.0, "factor on the process's input; may change while the plant runs", -1e300, 1e300),
+    Spec(
+        "gain_factor", 1.0, "factor on the process's input; may change while the plant runs", -1e300, 1e300, slides=True
+    ),
     Spec("initial_output", 0.0, "output at the start, at rest", -1e300, 1e300, read_only=True),
     Spec("advance_until", math.inf, "lockstep stops at this time of the plant's own clock [s]", 0.0),
     Spec("publish_clock", True, "in lockstep, publish /clock", read_only=True),

@@ -251,7 +251,7 @@ class TunerNode(ManagedNode):
 
         wanted = terms(tuning_request(Tune.Request(process="P1"), values), values)
         wait = LoopWait(self._tap, tell, self._stopping.is_set)
-        outcome = self._adaptation.look(values["adapt.window"], values["adapt"] == "apply", wanted, wait)
+        outcome = self._adaptation.look(values["adapt_window"], values["adapt"] == "apply", wanted, wait)
         if outcome is None:
             return
         result = Autotune.Result()

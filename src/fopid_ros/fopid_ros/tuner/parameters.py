@@ -40,6 +40,6 @@ SPECS = (
     Spec("autotune.deviation_max", 0.0, "distance from setpoint that ends it; 0: a tenth of the setpoint", 0.0, 1e9),
     Spec("autotune.duration", 0.0, "length of the experiment [s]; 0: 20 integral times of the gains", 0.0, 1e9),
     Spec("adapt", "off", "learn on from normal operation and retune when the process has drifted", choices=ADAPT),
-    Spec("adapt.window", 0.0, "signals that a drift is judged by [s]; 0: 20 integral times of the gains", 0.0, 1e6),
+    Spec("adapt_window", 0.0, "signals that a drift is judged by [s]; 0: 20 integral times of the gains", 0.0, 1e6),
     *loop_tap.SPECS,
 )  # fmt: skip

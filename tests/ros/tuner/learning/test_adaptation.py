@@ -33,7 +33,7 @@ class WorkingLoop(ForeignLoop):
     _level = 0
 
     def __init__(self, graph: Any, **tuner: object) -> None:
-        super().__init__(graph, "drifting", QUICK, **{"adapt.window": WINDOW, **tuner})
+        super().__init__(graph, "drifting", QUICK, **{"adapt_window": WINDOW, **tuner})
         self.results = graph.listen(TuningResult, "fopid_tuner/result", latched_qos())
         self._drift = graph.node.create_publisher(Float64, "drift", 1)
         graph.node.create_timer(0.1, self._move)

@@ -5,7 +5,7 @@ const NAMES = {
   kp: "proportional gain", ki: "integral gain", kd: "derivative gain",
   lam: "order of the integral", mu: "order of the derivative",
 };
-const WIDE = 100;  // a range beyond this is too wide for a slider
+const WIDE = 4;  // a range beyond this is too wide for a slider
 const DECADES = 1;  // a slider of such a gain reaches this far up and down from the present value
 const STEPS = 1000;
 

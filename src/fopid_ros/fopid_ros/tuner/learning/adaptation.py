@@ -90,7 +90,7 @@ class Adaptation:
     def _due(self, window: float) -> Record | None:
         """The newest signals, when it is time for a look."""
         if not math.isfinite(window):
-            raise InputError("adapt.window = 0; allowed: above 0 s, since the present gains show no time scale")
+            raise InputError("adapt_window = 0; allowed: above 0 s, since the present gains show no time scale")
         now = self._tap.history.newest_time("control")
         if now < self._since:  # the first look, or a clock that was set back
             self._since = self._looked = now
