@@ -10,6 +10,7 @@ from fopid_core.model.arrays import Complexes, Floats
 
 _LARGEST_CHANGE = 0.5  # of the value's logarithm between neighbours: rad of phase, or ln of gain
 _MOST_HALVINGS = 30
+_ROOT = 1e-14  # of a bracket, where a root is found
 
 
 def follow(curve: Callable[[Floats], Complexes], z: Floats) -> tuple[Floats, Complexes]:
@@ -44,3 +45,46 @@ def follow(curve: Callable[[Floats], Complexes], z: Floats) -> tuple[Floats, Com
         z = np.insert(z, wide + 1, middle)
         values = np.insert(values, wide + 1, curve(middle))
     return z, values
+
+
+def roots(curve: Callable[[Floats], Floats], left: Floats, right: Floats) -> Floats:
+    """Where a curve passes through zero, one root in each bracket: Ridders' method.
+
+    Parameters
+    ----------
+    curve : callable
+        From z, shape (m,), to values, shape (m,).
+    left, right : ndarray, shape (n,)
+        Between which it changes its sign.
+
+    References
+    ----------
+    Ridders, A new algorithm for computing a single root of a real continuous function (1979).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> roots(lambda z: z**3 - 2.0, np.array([0.0]), np.array([2.0])).round(9).tolist()
+    [1.25992105]
+    """
+    if left.size == 0:
+        return left
+    low, high = curve(left), curve(right)
+    for _ in range(_MOST_HALVINGS + _MOST_HALVINGS):
+        middle = 0.5 * (left + right)
+        value = curve(middle)
+        root = np.sqrt(value**2 - low * high)
+        share = np.divide(np.sign(low - high) * value, root, out=np.zeros_like(root), where=root > 0.0)
+        between = middle + (middle - left) * share
+        found = curve(between)
+        # Of the four points the two neighbours with a change of sign are kept.
+        points = np.stack([left, np.minimum(middle, between), np.maximum(middle, between), right])
+        swapped = between < middle
+        values = np.stack([low, np.where(swapped, found, value), np.where(swapped, value, found), high])
+        at = np.argmax(np.sign(values[:-1]) != np.sign(values[1:]), axis=0)
+        every = np.arange(left.size)
+        left, right, low, high = points[at, every], points[at + 1, every], values[at, every], values[at + 1, every]
+        if np.all(right - left <= _ROOT * np.maximum(np.abs(left), 1.0)):
+            break
+    zero: Floats = np.where(low == 0.0, left, np.where(high == 0.0, right, 0.5 * (left + right)))
+    return zero

@@ -9,15 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopid_core.model.arrays import Complexes, Floats
-from fopid_core.model.asymptotics import leading_term
-from fopid_core.model.curves import follow
+from fopid_core.model.curves import follow, roots
 from fopid_core.model.loop import Loop
-from fopid_core.model.quasipolynomial import QuasiPolynomial
+from fopid_core.model.loop_peaks import LoopPeaks
+from fopid_core.model.peaks import limits
 from fopid_core.model.winding import LARGEST_LOG, right_half_plane_zeros
 
 Curve = Callable[[Floats], Floats]
 
-_LOG_STEP = 0.04  # 58 points a decade, more where a zero of 1 + L, or a pole or zero of L, is near the axis
 _TURN_STEP = 0.1  # of the delay's phase between points [rad]
 _LAST_TURNS = 4.0 * math.pi  # of the delay's phase that are looked at after abs(L) has become quiet [rad]
 _MOST_TURNS = 2000.0  # [rad]
@@ -47,7 +46,8 @@ class Margins:
         The largest varying additional delay [s] for which w abs(T(jw)) < 1 / jitter_margin still proves a stable loop
         stable (Kao and Lincoln 2004).
     ms, ms_frequency, mt, mt_frequency : float
-        Largest abs(S(jw)) and abs(T(jw)) and where [rad/s]; 0 or infinity when it is the limit there.
+        Largest abs(S(jw)) and abs(T(jw)), exact to 1e-8, and where [rad/s]; 0 or infinity when it is the limit there.
+        NaN where they are not known, because stability is not.
     phase_slope : float
         d arg L / dw at the crossover [rad/(rad/s)], eq. (3) of the paper.
     crossovers, phase_crossovers : tuple of float
@@ -87,21 +87,20 @@ def margins(loop: Loop) -> Margins:
     """
     if loop.forward.is_zero:
         return _without_feedback(loop)
-    z, stable = _grid(loop)
-    z, response = follow(lambda x: loop(1j * np.exp(x)), z)
+    peaks = LoopPeaks(loop)
+    stable = bool(peaks.closed.all_left[0])
+    z, response = follow(lambda x: loop(1j * np.exp(x)), _grid(loop, peaks.log_frequency))
     crossovers = _crossings(lambda x: np.log(np.abs(loop(1j * np.exp(x)))), z, np.log(np.abs(response)))
     phase_margin, crossover, delay_margin, slope = _phase_margin(loop, crossovers)
     phase_crossovers = _phase_crossings(loop, z, response)
     gain_margin, phase_crossover = _gain_margin(loop, phase_crossovers)
-    opened, closed = loop.opened, loop.characteristic
-    ms, ms_frequency = _peak(_sensitivity(loop), z, _limits(opened, closed))
-    mt, mt_frequency = _peak(_complementary(loop), z, _limits(loop.forward, closed))
-    largest, _ = _peak(_weighted(loop), z, _limits(loop.forward.shifted(1.0), closed))
-    tolerant = stable and _limits(loop.forward, opened)[1] < 1.0
+    sensitivity, complementary = peaks.sensitivity(), peaks.complementary()
+    tolerant = stable and limits(loop.forward, loop.opened)[1] < 1.0
     return Margins(
         phase_margin, crossover, gain_margin, phase_crossover,
-        delay_margin if tolerant else 0.0, 1.0 / largest if stable else 0.0,
-        ms, ms_frequency, mt, mt_frequency, slope, tuple(crossovers.tolist()), tuple(phase_crossovers.tolist()),
+        delay_margin if tolerant else 0.0, 1.0 / peaks.weighted_complementary().value if stable else 0.0,
+        sensitivity.value, sensitivity.frequency, complementary.value, complementary.frequency,
+        slope, tuple(crossovers.tolist()), tuple(phase_crossovers.tolist()),
     )  # fmt: skip
 
 
@@ -111,32 +110,16 @@ def _without_feedback(loop: Loop) -> Margins:
     return Margins(inf, nan, inf, nan, delay, delay, 1.0, 0.0, 0.0, 0.0, nan, (), ())
 
 
-def _sensitivity(loop: Loop) -> Curve:
-    return lambda z: np.abs(loop.sensitivity(1j * np.exp(z)))
-
-
-def _complementary(loop: Loop) -> Curve:
-    return lambda z: np.abs(loop.complementary_sensitivity(1j * np.exp(z)))
-
-
-def _weighted(loop: Loop) -> Curve:
-    return lambda z: np.exp(z) * np.abs(loop.complementary_sensitivity(1j * np.exp(z)))
-
-
-def _grid(loop: Loop) -> tuple[Floats, bool]:
-    """The grid ln w over all that happens in the loop, and whether it is stable."""
-    closed, *others = (right_half_plane_zeros(f) for f in (loop.characteristic, loop.process.denominator, loop.forward))
-    dense = np.concatenate([closed.log_frequency, *(zeros.log_frequency for zeros in others)])
-    dense = dense[np.abs(dense) < LARGEST_LOG / (2.0 + loop.characteristic.degree)]
-    low, high = dense.min() - 1.0, dense.max() + 1.0
-    z = np.union1d(dense, np.linspace(low, high, math.ceil((high - low) / _LOG_STEP) + 1))
+def _grid(loop: Loop, z: Floats) -> Floats:
+    """The grid ln w for crossovers: as far as no power of s overflows, and as fine as a delay's turns."""
+    z = z[np.abs(z) < LARGEST_LOG / (2.0 + loop.characteristic.degree)]
     delay = max(t.delay for t in loop.characteristic.terms)
     if delay:
         loud = z[np.abs(loop(1j * np.exp(z))) > _QUIET]
-        last_turn = min(math.exp(loud.max(initial=low)) * delay + _LAST_TURNS, _MOST_TURNS)
+        last_turn = min(math.exp(loud.max(initial=z[0])) * delay + _LAST_TURNS, _MOST_TURNS)
         turns = np.log(np.arange(_TURN_STEP, last_turn, _TURN_STEP) / delay)
         z = np.union1d(z[z < turns[-1]], turns)
-    return z, bool(closed.all_left[0])
+    return z
 
 
 def _crossings(curve: Curve, z: Floats, values: Floats) -> Floats:
@@ -144,17 +127,8 @@ def _crossings(curve: Curve, z: Floats, values: Floats) -> Floats:
     sign = np.sign(values)
     after = np.flatnonzero(sign[1:] * sign[:-1] < 0.0)
     exact = z[sign == 0.0]
-    frequencies: Floats = np.exp(np.sort(np.concatenate((exact, _roots(curve, z[after], z[after + 1])))))
+    frequencies: Floats = np.exp(np.sort(np.concatenate((exact, roots(curve, z[after], z[after + 1])))))
     return frequencies
-
-
-def _roots(curve: Curve, left: Floats, right: Floats) -> Floats:
-    from scipy.optimize.elementwise import find_root
-
-    if left.size == 0:
-        return left
-    found: Floats = find_root(curve, (left, right), tolerances={"xatol": 1e-14, "xrtol": 1e-14}).x
-    return found
 
 
 def _phase_margin(loop: Loop, crossovers: Floats) -> tuple[float, float, float, float]:
@@ -180,7 +154,7 @@ def _phase_crossings(loop: Loop, z: Floats, response: Complexes) -> Floats:
         share: Floats = value.imag / np.abs(value)
         return share
 
-    return np.exp(_roots(curve, z[left_half], z[left_half + 1]))
+    return np.exp(roots(curve, z[left_half], z[left_half + 1]))
 
 
 def _gain_margin(loop: Loop, phase_crossovers: Floats) -> tuple[float, float]:
@@ -189,32 +163,3 @@ def _gain_margin(loop: Loop, phase_crossovers: Floats) -> tuple[float, float]:
     factors = 1.0 / np.abs(loop(1j * phase_crossovers))
     nearest = int(np.argmin(np.abs(np.log(factors))))
     return float(factors[nearest]), float(phase_crossovers[nearest])
-
-
-def _peak(curve: Curve, z: Floats, limits: tuple[float, float]) -> tuple[float, float]:
-    """Largest value of a curve over ln w and its frequency [rad/s], the limits at 0 and infinity included."""
-    from scipy.optimize import minimize_scalar
-
-    values = curve(z)
-    i = int(np.clip(np.argmax(values), 1, z.size - 2))
-    found = minimize_scalar(
-        lambda x: -float(curve(np.array(x))), bounds=(z[i - 1], z[i + 1]), method="bounded", options={"xatol": 1e-9}
-    )
-    inner = max((float(-found.fun), math.exp(found.x)), (float(values[i]), math.exp(z[i])))
-    return max((inner, (limits[0], 0.0), (limits[1], math.inf)), key=lambda peak: peak[0])
-
-
-def _limits(numerator: QuasiPolynomial, denominator: QuasiPolynomial) -> tuple[float, float]:
-    """Abs(numerator / denominator) at s = 0 and at s = infinity, there the largest that the delays let it be."""
-    low_n, low_d = numerator.lowest_order, denominator.lowest_order
-    bottom = denominator.sum_of_order(low_d)
-    zero = abs(numerator.sum_of_order(low_n) / bottom) * _power_at_zero(low_n - low_d) if bottom else math.inf
-    lead = leading_term(denominator)
-    level = [abs(t.coefficient) for t in denominator.terms if t.order == lead.order and t != lead]
-    room = abs(lead.coefficient) - sum(level)
-    top = sum(abs(t.coefficient) for t in numerator.terms if t.order == numerator.degree)
-    return zero, top / room * _power_at_zero(lead.order - numerator.degree) if room > 0.0 else math.inf
-
-
-def _power_at_zero(order: float) -> float:
-    return 0.0 if order > 0.0 else 1.0 if order == 0.0 else math.inf

@@ -12,7 +12,7 @@ from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
-from fopid_core.model.winding import BORDER, count_zeros, right_half_plane_zeros
+from fopid_core.model.winding import BORDER, Zeros, count_zeros, right_half_plane_zeros
 
 _CANDIDATES_AT_ONCE = 256  # keeps the work arrays within a processor's cache
 _MOST_INTERVALS_EACH = 300  # a candidate that needs more has dozens of poles near the axis
@@ -84,11 +84,20 @@ def _verdict(characteristic: QuasiPolynomial) -> Stability:
     if zeros.origin_order[0] > 0.0 or characteristic.sum_of_order(0.0) == 0.0:
         return Stability(False, count, True, 0.0, "a pole at the origin")
     if not decided:
-        hopeless = "too many poles near the imaginary axis to count"
-        return Stability(False, -1, False, margin, hopeless if margin > BORDER else "too close to the border to call")
+        return Stability(False, -1, False, margin, _why_undecided(zeros))
     if count:
         return Stability(False, count, True, margin, f"{count} unstable pole{'s' if count > 1 else ''}")
     return Stability(True, 0, True, margin, "stable")
+
+
+def _why_undecided(zeros: Zeros) -> str:
+    if abs(zeros.neutral_gain[0] - 1.0) <= BORDER:
+        return "the delayed loop gain at high frequency is 1: too close to the border to call"
+    if not zeros.within_reach[0]:
+        return "not decided: orders so close together act at frequencies beyond what can be looked at"
+    if zeros.margin[0] > BORDER:
+        return "not decided: too many poles near the imaginary axis to count"
+    return "too close to the border to call"
 
 
 def stable_mask(process: Process, gains: ArrayLike) -> Booleans:

@@ -20,7 +20,8 @@ from fopid_core.model.quasipolynomial import QuasiPolynomial
 
 BORDER = 1e-9  # a zero that so small a relative change of the coefficients puts on the axis is too close to call
 _SAME_ORDER = 1e-11
-_LARGEST_LOG_FREQUENCY = 600.0
+_LOWEST_LOG, _HIGHEST_LOG = -1e6, 1e6  # of a frequency; with a delay only up to
+_HIGHEST_TURNING_LOG = 600.0
 LARGEST_LOG = 300.0  # of a value that can still be squared
 _FIRST_STEP = 0.35
 _FEWEST_STEPS, _MOST_STEPS = 24, 160
@@ -47,6 +48,8 @@ class Zeros:
         right, or would be after an arbitrarily small change of the delays. Infinite for advanced type.
     origin_order : ndarray of float, shape (n,)
         The power of s that was taken out; above 0 there is a zero at the origin, which ``count`` leaves out.
+    within_reach : ndarray of bool, shape (n,)
+        Whether all that happens lies at frequencies that can be looked at.
     log_frequency : ndarray of float, shape (m,)
         All points of all grids, ascending, as far as no power of s overflows: dense where a zero is near the axis.
     """
@@ -56,6 +59,7 @@ class Zeros:
     decided: Booleans
     neutral_gain: Floats
     origin_order: Floats
+    within_reach: Booleans
     log_frequency: Floats
 
     @property
@@ -100,9 +104,8 @@ def count_zeros(coefficients: Floats, orders: Floats, delays: Floats, most_inter
     count = np.rint(raw)
     decided = certain & family.well_posed & (np.abs(raw - count) < 0.01) & (count >= 0)
     grid = grid[np.abs(grid) < LARGEST_LOG / (2.0 + family.orders.max())]
-    return Zeros(
-        np.where(decided, count, -1).astype(np.int64), margin, decided, family.neutral_gain, family.origin_order, grid
-    )
+    count = np.where(decided, count, -1).astype(np.int64)
+    return Zeros(count, margin, decided, family.neutral_gain, family.origin_order, family.within_reach, grid)
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,7 @@ class _Family:
     origin_order: Floats  # (n,): the lowest order before it was taken out
     start: Floats  # (n,): ln w below which the lowest term outweighs the rest
     end: Floats  # (n,): ln w above which the highest one does
+    within_reach: Booleans  # (n,): whether these frequencies can be looked at
     well_posed: Booleans  # (n,)
 
     @staticmethod
@@ -135,13 +139,14 @@ class _Family:
             top_order, top, gain, end = _high_end(coefficients, orders, delays, log_size, active)
         constants = np.where(active & (orders <= _SAME_ORDER), size, 0.0).sum(axis=1)
         well_posed = (np.abs(low) > BORDER * constants) & (gain < 1.0 - BORDER) & (top != 0.0)
-        well_posed &= (start > -_LARGEST_LOG_FREQUENCY) & (end < _LARGEST_LOG_FREQUENCY)
+        within_reach = (start > _LOWEST_LOG) & (end < (_HIGHEST_TURNING_LOG if delays.any() else _HIGHEST_LOG))
         phasors = np.sign(coefficients) * np.exp(0.5j * np.pi * np.where(active, orders, 0.0))
         orders = np.where(active, orders, 0.0)
         end = np.maximum(end, start + 1.0)
         return _Family(
-            log_size, orders, delays, phasors, low, top_order, np.sign(top), gain, origin_order, start, end, well_posed
-        )
+            log_size, orders, delays, phasors, low, top_order, np.sign(top), gain, origin_order, start, end,
+            within_reach, well_posed & within_reach,
+        )  # fmt: skip
 
     def values(self, owner: Indexes, z: Floats) -> tuple[Floats, Floats, Complexes]:
         """Shares of the terms (m, k), ln of their sum (m,) and the value over that sum (m,)."""
@@ -260,13 +265,13 @@ def _certificate(family: _Family, owner: Indexes, left: _Points, right: _Points)
     """Whether the curve provably keeps away from zero in each interval, and the angle it then turns by."""
     step = right.z - left.z
     local_order = (right.log_total - left.log_total) / step
-    frequency = np.exp(right.z)
+    frequency = np.exp(np.minimum(right.z, _HIGHEST_TURNING_LOG))
     reference = _dominant_delay(family, left)
     lag = np.minimum(np.abs(family.delays - reference[:, None]) * frequency[:, None], _LARGEST_LAG)
     rate = np.abs(family.orders[owner] - local_order[:, None]) + lag
     bend = np.minimum((step**2 / 8.0)[:, None] * (rate**2 + lag), 2.0)
     deviation = np.einsum("mk,mk->m", np.maximum(left.shares, right.shares), bend)
-    sweep = reference * (frequency - np.exp(left.z))
+    sweep = reference * (frequency - np.exp(np.minimum(left.z, _HIGHEST_TURNING_LOG)))
     end = right.value * np.exp(1j * sweep)
     clearance = np.abs(left.value) + np.abs(end) - np.abs(end - left.value)
     return clearance > 2.0 * deviation, np.angle(end * np.conj(left.value)) - sweep
