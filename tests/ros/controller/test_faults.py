@@ -387,14 +387,14 @@ def test_two_publishers_on_one_topic_are_named_once_in_the_log_and_in_the_diagno
     rival = Node("rival", namespace="/other", context=graph.context)
     graph.executor.add_node(rival)
     publisher = rival.create_publisher(ScalarStamped, "/measurement", 1)
-    fed.diagnosed(WARN, "measurement is published by /other/rival and /tester")
+    fed.diagnosed(ERROR, "measurement is published by /other/rival and /tester")
     seen = len(fed.diagnostics)
     graph.until(lambda: len(fed.diagnostics) > seen + 1, "two more reports")
     assert graph.logs().count("measurement is published by") == 1
     rival.destroy_publisher(publisher)
     fed.diagnosed(OK, "auto")
     rival.create_publisher(ScalarStamped, "/control", 1)
-    fed.diagnosed(WARN, "control is published by /fopid_controller and /other/rival")
+    fed.diagnosed(ERROR, "control is published by /fopid_controller and /other/rival")
     rival.destroy_node()
 
 

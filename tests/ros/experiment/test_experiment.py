@@ -142,7 +142,8 @@ OF_THE_EXPERIMENT = {"process", "sample_time", "trigger", "advance_until", "publ
 def test_every_parameter_of_the_nodes_that_numbers_depend_on_can_be_written_in_an_experiment(specs, known) -> None:
     signals = tuple(spec.name.removesuffix("type") for spec in specs if spec.name.endswith(".type"))
     of_messages = {spec.name for spec in specs if spec.name.startswith(signals)}
-    of_messages |= {"measurement_timeout", "setpoint_timeout", "on_stale", "gains_file"}
+    of_messages |= {spec.name for spec in specs if spec.name.endswith("_timeout")}
+    of_messages |= {"clock_skew_max", "on_stale", "on_rivals", "gains_file"}
     assert {spec.name for spec in specs} - OF_THE_EXPERIMENT - of_messages == set(known)
 
 

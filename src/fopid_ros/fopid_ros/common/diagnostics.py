@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
@@ -18,6 +19,7 @@ class Counts:
     stale_ticks: int = 0
     saturated_ticks: int = 0
     refused_values: int = 0
+    stamps_ahead: int = 0
     times_backwards: int = 0
     controls_not_finite: int = 0
 
@@ -75,6 +77,8 @@ def worries(since: Counts, *, ticking: bool) -> list[tuple[bytes, str]]:
         found.append((warn, f"{since.late_ticks} ticks late or missing"))
     if since.refused_values:
         found.append((warn, f"{since.refused_values} values refused"))
+    if since.stamps_ahead:
+        found.append((warn, f"{since.stamps_ahead} of them stamped ahead of this node's clock"))
     if since.times_backwards:
         found.append((warn, "time ran backwards"))
     if since.ticks and since.saturated_ticks == since.ticks:
@@ -120,6 +124,34 @@ def several_publishers(node: Node, topics: Sequence[str]) -> dict[str, list[str]
     return found
 
 
+LEASE = 25.0
+"""So long a node that was killed may still be listed [s]: the transport gives it up after 20 s without a sign."""
+
+
+@dataclass(frozen=True)
+class Rivalry:
+    """A topic that several nodes publish.
+
+    Attributes
+    ----------
+    topic : str
+    text : str
+        That in words.
+    sure : bool
+        False while all have one name, and all but one may have been killed: a node that was started again.
+    """
+
+    topic: str
+    text: str
+    sure: bool
+
+    @property
+    def level(self) -> bytes:
+        """For the diagnostics: whose message counts is chance, so it is an error."""
+        level: bytes = DiagnosticStatus.ERROR if self.sure else DiagnosticStatus.WARN
+        return level
+
+
 class Rivals:
     """Watches for topics that more than one node publishes: new ones are logged, once.
 
@@ -132,13 +164,18 @@ class Rivals:
     def __init__(self, node: Node, topics: Sequence[str]) -> None:
         self._node, self._topics = node, topics
         self._known: dict[str, list[str]] = {}
+        self._since: dict[str, float] = {}
 
-    def found(self) -> list[str]:
-        """In words, the topics that are published by several just now."""
-        rivals = several_publishers(self._node, self._topics)
-        told = {topic: f"{topic} is published by {' and '.join(names)}" for topic, names in rivals.items()}
-        for topic, text in told.items():
-            if self._known.get(topic) != rivals[topic]:
+    def found(self) -> list[Rivalry]:
+        """The topics that are published by several just now."""
+        now, rivals = time.monotonic(), several_publishers(self._node, self._topics)
+        self._since = {topic: self._since.get(topic, now) for topic in rivals}
+        told = []
+        for topic, names in rivals.items():
+            sure = len(set(names)) > 1 or now - self._since[topic] > LEASE
+            text = f"{topic} is published by {' and '.join(names)}"
+            told.append(Rivalry(topic, text if sure else f"{text}: started anew, or twice", sure))
+            if self._known.get(topic) != names:
                 self._node.get_logger().warning(f"{text}: the newest message counts, whoever sent it")
         self._known = rivals
-        return list(told.values())
+        return told

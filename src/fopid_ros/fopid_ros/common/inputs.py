@@ -1,4 +1,4 @@
-"""An input of the controller: its newest good value and when that came."""
+"""An input of the controller: its newest good value, when that came, and what was refused."""
 
 from __future__ import annotations
 
@@ -28,14 +28,28 @@ class Input:
         When its newest value came, on the clock of the ticks.
     timeout_ns : float
         Age at which it is too old; infinite for never.
+    came : bool
+        Whether a value has come from outside.
     refused : int
-        How many values were refused.
+        How many values were refused, whatever for.
+
+    Examples
+    --------
+    >>> level = Input("measurement")
+    >>> level.timeout_ns = 100
+    >>> level.take(2.0, now_ns=50), level.take(float("nan"), now_ns=90)
+    (True, False)
+    >>> level.usable(150), level.usable(151)
+    (True, False)
+    >>> level.faded(200), level.faded(250)  # half of another timeout later, and the whole of it
+    (1.0, 0.0)
     """
 
     def __init__(self, name: str, value: float = math.nan) -> None:
         self.name, self.value = name, value
         self.arrived_ns = 0
         self.timeout_ns = math.inf
+        self.came = False
         self.refused = 0
 
     @property
@@ -48,13 +62,24 @@ class Input:
         if not is_number(value):
             self.refused += 1
             return False
-        self.value, self.arrived_ns = value, now_ns
+        self.value, self.arrived_ns, self.came = value, now_ns, True
         return True
 
     def usable(self, now_ns: int) -> bool:
         """Whether there is a value that is not too old."""
         return now_ns - self.arrived_ns <= self.timeout_ns and not math.isnan(self.value)
 
+    def stale(self, now_ns: int) -> bool:
+        """Whether a value came, and is too old now."""
+        return self.came and now_ns - self.arrived_ns > self.timeout_ns
+
+    def faded(self, now_ns: int) -> float:
+        """The value while it is not too old; then it goes to 0 in a straight line, within another timeout."""
+        too_old = now_ns - self.arrived_ns - self.timeout_ns
+        if too_old <= 0:
+            return self.value
+        return self.value * max(0.0, 1.0 - too_old / self.timeout_ns)
+
     def age(self, now_ns: int) -> float:
         """Time since the newest good value came [s]; NaN before the first."""
-        return math.nan if self.missing else (now_ns - self.arrived_ns) * 1e-9
+        return (now_ns - self.arrived_ns) * 1e-9 if self.came else math.nan

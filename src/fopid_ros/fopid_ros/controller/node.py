@@ -14,19 +14,25 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
 from fopid_core.runtime.controller import FopidController
 from fopid_msgs.msg import FopidState
-from fopid_ros.common.ahead import Ahead
 from fopid_ros.common.diagnostics import Monitor, Rivals, diagnostic_array, diagnostic_status, worries
 from fopid_ros.common.inputs import Input, is_number
-from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run, take_waiting
+from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run
 from fopid_ros.common.parameter_file import write_parameter_file
 from fopid_ros.common.signals import SignalType, header_stamp
-from fopid_ros.controller.parameters import SIGNALS, SPECS, controller_settings, initial_setpoint, signal_types
+from fopid_ros.controller.inputs import LoopInputs
+from fopid_ros.controller.parameters import (
+    SIGNALS,
+    SPECS,
+    check_timeouts,
+    controller_settings,
+    initial_setpoint,
+    signal_types,
+)
 
 NS = 1_000_000_000
 
@@ -40,11 +46,11 @@ class ControllerNode(ManagedNode):
     _active = False
     _timer: Timer | None = None
     _last_tick: int | None = None
-    _newest_stamp: int | None = None
 
     def check(self, values: dict[str, Any]) -> None:
         controller_settings(values, signal_types(values)["control"])
         initial_setpoint(values)
+        check_timeouts(values)
 
     # What lives from configure to cleanup.
 
@@ -55,18 +61,17 @@ class ControllerNode(ManagedNode):
         self._controller.set_mode(values["mode"])
         self._lockstep = values["trigger"] == "lockstep"
         self._period_ns = round(values["sample_time"] * NS)
-        self._setpoint = Input("setpoint", initial_setpoint(values))
-        self._measurement, self._tracking = Input("measurement"), Input("tracking")
-        self._feedforward, self._manual = Input("feedforward", 0.0), Input("manual_control")
-        self._inputs = (self._setpoint, self._measurement, self._feedforward, self._manual, self._tracking)
         self._lacking: list[Input] = []
+        self._dropped: list[Input] = []
         self._monitor = Monitor(values["sample_time"], time.monotonic_ns())
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._tick_clock, self._now = self._time_of_ticks()
-        self._setpoint.arrived_ns = self._now()
+        counts = self._monitor.counts
+        self._inputs = LoopInputs(self, values, types, counts, self._now, initial_setpoint(values))
         self._interval = 0.0
         self._control = values["safe_control"]
         self._rivals = Rivals(self, SIGNALS)
+        self._contested_topics: list[str] = []
         self._state = FopidState()
         self._take_settings()
         self._open_topics(types)
@@ -83,15 +88,10 @@ class ControllerNode(ManagedNode):
 
     def _open_topics(self, types: dict[str, SignalType]) -> None:
         lockstep, endpoints = self._lockstep, self.endpoints
-        # In lockstep everything that has arrived before a measurement counts for its tick, unless stamped later.
-        others = (self._setpoint, self._feedforward, self._manual)
-        if self._values["tracking.enabled"]:
-            others = (*others, self._tracking)
-        self._ahead = [(one, Ahead()) for one in others]
-        self._slow = [self._listen(one, ahead) for one, ahead in self._ahead]
+        self._inputs.listen(tracking=self._values["tracking.enabled"])
         endpoints.subscription(
-            types["measurement"].message_type, "measurement", self._answer if lockstep else self._on_measurement,
-            loop_qos(lockstep=lockstep, reliable=False),
+            types["measurement"].message_type, "measurement",
+            self._answer if lockstep else self._inputs.take_measurement, loop_qos(lockstep=lockstep, reliable=False),
         )  # fmt: skip
         self._write = types["control"].writer()
         self._control_publisher = endpoints.publisher(
@@ -101,16 +101,6 @@ class ControllerNode(ManagedNode):
         self._state_publisher = endpoints.publisher(FopidState, "~/state", state_qos)
         self._diagnostics = endpoints.publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
         endpoints.refuse_unknown_overrides()
-
-    def _listen(self, one: Input, ahead: Ahead) -> Subscription:
-        kind, lockstep = self._types[one.name], self._lockstep
-
-        def arrived(message: Any) -> None:
-            value = kind.read(message)
-            if not (lockstep and ahead.waits(kind.stamp_ns(message), value)):
-                self._take(one, value, self._now())
-
-        return self.endpoints.subscription(kind.message_type, one.name, arrived, loop_qos(lockstep=lockstep))
 
     def _open_services(self) -> None:
         self.endpoints.service(Trigger, "~/reset", self._on_reset)
@@ -130,16 +120,15 @@ class ControllerNode(ManagedNode):
         self._take_settings()
 
     def _take_settings(self) -> None:
-        for one in (self._setpoint, self._measurement):
-            one.timeout_ns = self._values[f"{one.name}_timeout"] * NS or math.inf
-        self._tracking.timeout_ns = self._measurement.timeout_ns
+        self._inputs.take_settings(self._values)
         message, gains = self._state, self._controller.settings.gains
         message.kp, message.ki, message.kd, message.lam, message.mu = gains.gains
 
     # Transitions.
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._last_tick = self._newest_stamp = None
+        self._last_tick = None
+        self._inputs.begin()
         self._interval = 0.0
         if not self._lockstep:
             self._timer = self.create_timer(self._period_ns * 1e-9, self._tick_on_timer, clock=self._tick_clock)
@@ -167,32 +156,7 @@ class ControllerNode(ManagedNode):
             self._timer = None
         self._controller.reset()
 
-    # Inputs.
-
-    def _take(self, one: Input, value: float, now_ns: int) -> None:
-        """Keep an input's newest value; one that is not finite is counted and refused."""
-        if one.take(value, now_ns):
-            return
-        self._monitor.counts.refused_values += 1
-        where = f" at {self._types[one.name].field!r}" if math.isnan(value) else ""
-        self.get_logger().warning(
-            f"{one.name} = {value}{where} refused ({one.refused} so far); allowed: finite numbers",
-            throttle_duration_sec=1.0,
-        )
-
-    def _on_measurement(self, message: Any) -> None:
-        """In real time: a stamp, where there is one, tells old samples from new ones."""
-        kind, now = self._types["measurement"], self._now()
-        stamp = kind.stamp_ns(message)
-        if stamp:
-            before, self._newest_stamp = self._newest_stamp, stamp
-            if before is not None and stamp < before:
-                # A straggler, or its clock was set back: the next one after this stamp counts again.
-                self._warn_backwards("the measurement's stamp", "the sample is refused")
-                return
-            if stamp == before:  # the same sample again is as old as it was
-                now = self._measurement.arrived_ns
-        self._take(self._measurement, kind.read(message), now)
+    # Ticks.
 
     def _answer(self, message: Any) -> None:
         """In lockstep: each measurement is answered by one control with the same stamp."""
@@ -205,21 +169,15 @@ class ControllerNode(ManagedNode):
         if stamp == self._last_tick:  # the plant asks again: the answer is the same
             self.publish_control(self._control, stamp)
             return
-        for subscription in self._slow:
-            take_waiting(subscription)
-        for one, ahead in self._ahead:
-            for value in ahead.due(stamp):
-                self._take(one, value, stamp)
+        self._inputs.take_due(stamp)
         self._begin_tick(stamp)
-        self._take(self._measurement, kind.read(message), stamp)
+        self._inputs.take(self._inputs.measurement, kind.read(message), stamp)
         self._tick(stamp, stamp)
 
     def _tick_on_timer(self) -> None:
         now = self._now()
         self._begin_tick(now)
         self._tick(self.get_clock().now().nanoseconds, now)
-
-    # A tick.
 
     def _begin_tick(self, now_ns: int) -> None:
         """Measure the time since the last tick; time that runs backwards starts the controller anew."""
@@ -230,17 +188,17 @@ class ControllerNode(ManagedNode):
             return
         self._interval = 0.0
         if before is not None:
-            self._warn_backwards("time", "the controller starts anew")
+            self._inputs.warn_backwards("time", "the controller starts anew")
             self._controller.reset()
         if before is not None or self._lockstep:
-            for one in self._inputs:
-                one.arrived_ns = now_ns
+            self._inputs.begin_anew(now_ns)
 
     def _tick(self, stamp_ns: int, now_ns: int) -> None:
-        lacking = [one for one in (self._setpoint, self._measurement) if not one.usable(now_ns)]
-        if lacking != self._lacking:
-            self._tell(lacking)
-        control = self._substitute() if lacking else self._step(now_ns)
+        inputs, mode = self._inputs, self._controller.state.mode
+        lacking, dropped = inputs.lacking(now_ns, mode), inputs.dropped(now_ns)
+        if (lacking, dropped) != (self._lacking, self._dropped):
+            self._tell(lacking, dropped)
+        control = self._substitute(now_ns) if lacking or self._contested else self._step(now_ns)
         self._control = control = control if is_number(control) else self._start_over(control)
         state = self._controller.state
         self._monitor.tick(self._interval, saturated=state.saturated, stale=bool(lacking))
@@ -250,24 +208,35 @@ class ControllerNode(ManagedNode):
             self._publish_state(stamp_ns, now_ns, waiting=waiting)
 
     def _step(self, now_ns: int) -> float:
-        controller, manual = self._controller, self._manual
+        controller, inputs = self._controller, self._inputs
+        manual = inputs.manual
         if controller.state.mode == "auto":
             manual.value = math.nan  # on a change to manual the control stays until the next message
         return controller.step(
-            self._setpoint.value, self._measurement.value, self._feedforward.value,
+            inputs.setpoint.value, inputs.measurement.value, inputs.feedforward.faded(now_ns),
             controller.state.control if manual.missing else manual.value,
-            self._tracking.value if self._tracking.usable(now_ns) else None,
+            inputs.tracking.value if inputs.tracking.usable(now_ns) else None,
         )  # fmt: skip
 
-    def _substitute(self) -> float:
-        """The control while an input is stale or has never come."""
-        controller = self._controller
-        policy, manual = self._values["on_stale"], None if self._manual.missing else self._manual.value
-        if controller.state.mode == "manual":
+    def _substitute(self, now_ns: int) -> float:
+        """The control while an input is stale, contested, or has never come."""
+        controller, safe = self._controller, self._values["safe_control"]
+        manual = self._inputs.manual.value if self._inputs.manual.usable(now_ns) else None
+        if self._contested:
+            return controller.hold(safe)
+        if controller.state.mode == "manual" and self._inputs.manual not in self._lacking:
             return controller.hold(manual)
         if self._waiting:
             return controller.state.control
-        return controller.hold({"hold": None, "safe": self._values["safe_control"], "manual": manual}[policy])
+        return controller.hold({"hold": None, "safe": safe, "manual": manual}[self._values["on_stale"]])
+
+    @property
+    def _contested(self) -> bool:
+        """Whether the safe control is wanted since several nodes publish an input that is in use."""
+        if not self._contested_topics or self._values["on_rivals"] != "safe":
+            return False
+        manual = self._controller.state.mode == "manual"
+        return any((topic == "manual_control") == manual for topic in self._contested_topics)
 
     @property
     def _waiting(self) -> bool:
@@ -297,46 +266,61 @@ class ControllerNode(ManagedNode):
         message.saturated = state.saturated
         message.mode = FopidState.AUTO if state.mode == "auto" else FopidState.MANUAL
         message.sample_interval, message.overruns = self._interval, self._monitor.counts.late_ticks
-        message.stale, message.measurement_age = bool(self._lacking), self._measurement.age(now_ns)
-        message.tracking, message.refused = self._tracking.value, self._monitor.counts.refused_values
+        message.stale, message.measurement_age = bool(self._lacking), self._inputs.measurement.age(now_ns)
+        message.tracking, message.refused = self._inputs.tracking.value, self._monitor.counts.refused_values
         self._state_publisher.publish(message)
 
     # What people are told.
 
-    def _tell(self, lacking: list[Input]) -> None:
-        self._lacking = lacking
+    def _tell(self, lacking: list[Input], dropped: list[Input]) -> None:
+        """Log what has changed."""
+        for one in dropped:
+            if one not in self._dropped:
+                self.get_logger().warning(f"{one.name} stale: the loop goes on without it")
+        before, self._lacking, self._dropped = self._lacking, lacking, dropped
         names = " and ".join(one.name for one in lacking)
+        if lacking == before:
+            return
         if not lacking:
             self.get_logger().info("setpoint and measurement are there")
         elif self._waiting:
             self.get_logger().info(f"waiting for {names}")
         else:
-            self.get_logger().warning(f"{names} stale; on_stale = {self._values['on_stale']}")
-
-    def _warn_backwards(self, what: str, consequence: str) -> None:
-        self._monitor.counts.times_backwards += 1
-        self.get_logger().warning(f"{what} ran backwards: {consequence}", throttle_duration_sec=1.0)
+            self.get_logger().error(f"{names} stale; on_stale = {self._values['on_stale']}")
 
     def _publish_diagnostics(self) -> None:
         since, rates = self._monitor.window(time.monotonic_ns())
-        found = worries(since, ticking=self._active and not self._lockstep)
-        found += [(DiagnosticStatus.WARN, text) for text in self._rivals.found()]
-        if self._active and self._lacking:
-            level = DiagnosticStatus.WARN if self._waiting else DiagnosticStatus.ERROR
-            names = " and ".join(one.name for one in self._lacking)
-            found.insert(0, (level, f"waiting for {names}" if self._waiting else f"{names} stale"))
+        found = self._lacks() + worries(since, ticking=self._active and not self._lockstep) + self._disputes()
         state = self._controller.state.mode if self._active else "inactive"
         status = diagnostic_status(self.get_fully_qualified_name(), state, found, {**rates, **self._facts()})
         self._diagnostics.publish(diagnostic_array(status, self))
+
+    def _lacks(self) -> list[tuple[bytes, str]]:
+        """What the control lacks, in words with their levels."""
+        if not self._active:
+            return []
+        found = [(DiagnosticStatus.WARN, f"{one.name} stale: the loop goes on without it") for one in self._dropped]
+        if self._lacking:
+            level = DiagnosticStatus.WARN if self._waiting else DiagnosticStatus.ERROR
+            names = " and ".join(one.name for one in self._lacking)
+            found.insert(0, (level, f"waiting for {names}" if self._waiting else f"{names} stale"))
+        return found
+
+    def _disputes(self) -> list[tuple[bytes, str]]:
+        """Topics with more than one publisher."""
+        rivalries = self._rivals.found()
+        self._contested_topics = [one.topic for one in rivalries if one.sure and one.topic != "control"]
+        return [(one.level, one.text) for one in rivalries]
 
     def _facts(self) -> dict[str, object]:
         counts, now = self._monitor.counts, self._now()
         return {
             "mode": self._controller.state.mode,
             "ticks": counts.ticks, "overruns": counts.late_ticks, "stale ticks": counts.stale_ticks,
-            "age of the measurement [s]": self._measurement.age(now),
-            "age of the setpoint [s]": self._setpoint.age(now),
-            "non-finite inputs refused": counts.refused_values, "time ran backwards": counts.times_backwards,
+            **self._inputs.facts(now),
+            "non-finite inputs refused": counts.refused_values - counts.stamps_ahead,
+            "stamps ahead of this clock refused": counts.stamps_ahead,
+            "time ran backwards": counts.times_backwards,
             "share of saturated ticks": counts.saturated_ticks / max(1, counts.ticks),
             "last rejected parameter set": self.last_rejected or "none",
         }  # fmt: skip

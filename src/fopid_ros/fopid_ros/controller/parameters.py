@@ -14,8 +14,12 @@ from fopid_ros.common.inputs import is_number
 from fopid_ros.common.managed_node import TIMING
 from fopid_ros.common.parameters import Spec
 from fopid_ros.common.signals import SignalType, signal_specs
+from fopid_ros.controller.inputs import AUTOMATIC, SHORTEST_FEEDFORWARD_TIMEOUT, SHORTEST_TIMEOUT, TICKS_MISSED
 
 SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "tracking", "control")
+
+_SIGNAL = f"-1 for {TICKS_MISSED} sample times, at least {SHORTEST_TIMEOUT} s; 0 for off"
+_ADDED = f"-1 for {TICKS_MISSED} sample times, at least {SHORTEST_FEEDFORWARD_TIMEOUT} s, none in lockstep; 0 for off"
 
 SPECS = (
     Spec("kp", 0.0, "proportional gain", -LARGEST, LARGEST, slides=True),
@@ -43,10 +47,17 @@ SPECS = (
     Spec("tracking.enabled", False, "take what the actuator did from the topic tracking; it ages like the measurement",
          at_configure=True),
     Spec("bumpless", True, "on new gains the integral takes up the step between old and new reading"),
-    Spec("measurement_timeout", 0.0, "age of the measurement that counts as stale [s]; 0 for off", 0.0, 1e9),
-    Spec("setpoint_timeout", 0.0, "age of the setpoint that counts as stale [s]; 0 for off", 0.0, 1e9),
+    Spec("measurement_timeout", AUTOMATIC, f"age at which the measurement is stale [s]; {_SIGNAL}", AUTOMATIC, 1e9),
+    Spec("setpoint_timeout", 0.0, "age at which the setpoint is stale [s]; 0 for off: once set it holds", 0.0, 1e9),
+    Spec("manual_control_timeout", 0.0, "the same for manual_control in manual mode; 0 for off", 0.0, 1e9),
+    Spec("feedforward_timeout", AUTOMATIC, "age at which the feedforward begins to fade, to 0 within as much again "
+         f"[s]; {_ADDED}", AUTOMATIC, 1e9),
+    Spec("tracking_timeout", AUTOMATIC, f"age at which tracking is no longer followed [s]; {_SIGNAL}", AUTOMATIC, 1e9),
     Spec("on_stale", "hold", "the control while an input is stale: as it was, safe_control, or manual_control",
          choices=("hold", "safe", "manual")),
+    Spec("clock_skew_max", 0.0, "how far beyond a tick a stamp may be ahead of this node's clock [s]", 0.0, 1e9),
+    Spec("on_rivals", "tell", "when several nodes publish an input: tell it in /diagnostics, or also the safe control",
+         choices=("tell", "safe")),
     Spec("safe_control", 0.0, "the control before the first tick and after the last", -LARGEST, LARGEST),
     Spec("mode", "auto", "auto, or manual: the control follows the topic manual_control", choices=("auto", "manual")),
     Spec("gains_file", "", "where ~/save_gains writes all parameters; a start with --params-file reads them"),
@@ -58,6 +69,13 @@ _SAME_IN_THE_CORE = (
     "sample_time", "setpoint_weight", "derivative_setpoint_weight", "derivative_filter_time", "control_rate_max",
     "antiwindup", "tracking_time", "bumpless", "safe_control", "horizon", "setpoint_rate_max", "deadband",
 )  # fmt: skip
+
+
+def check_timeouts(values: dict[str, Any]) -> None:
+    """Raise InputError for a timeout between automatic and off."""
+    for name in ("measurement_timeout", "feedforward_timeout", "tracking_timeout"):
+        if AUTOMATIC < values[name] < 0.0:
+            raise InputError(f"{name} = {values[name]}; allowed: -1 for automatic, 0 for off, or above 0 [s]")
 
 
 def signal_types(values: dict[str, Any]) -> dict[str, SignalType]:

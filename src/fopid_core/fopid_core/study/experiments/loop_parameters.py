@@ -18,7 +18,8 @@ SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "control"
 _SETTINGS = tuple(field.name for field in fields(ControllerSettings) if field.name not in ("gains", "band"))
 _BAND = {"band.low": float, "band.high": float, "band.poles": int}
 _OF_THE_NODE = {
-    "measurement_timeout": float, "setpoint_timeout": float, "on_stale": str, "gains_file": str, "autostart": bool,
+    **{f"{signal}_timeout": float for signal in SIGNALS if signal != "control"},
+    "clock_skew_max": float, "on_stale": str, "on_rivals": str, "gains_file": str, "autostart": bool,
     "tracking.enabled": bool, "setpoint.initial": float,
     **{f"{signal}.{part}": str for signal in SIGNALS for part in ("type", "field")},
 }  # fmt: skip

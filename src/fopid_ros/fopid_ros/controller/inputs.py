@@ -1,0 +1,192 @@
+"""What the controller hears: five inputs that are checked, refused when they cannot be right, and grow old."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rclpy.subscription import Subscription
+
+from fopid_ros.common.ahead import Ahead
+from fopid_ros.common.diagnostics import Counts
+from fopid_ros.common.inputs import Input
+from fopid_ros.common.managed_node import ManagedNode, loop_qos, take_waiting
+from fopid_ros.common.signals import SignalType
+
+AUTOMATIC = -1.0
+"""A timeout that the sample time chooses."""
+TICKS_MISSED = 5
+SHORTEST_TIMEOUT = 0.1  # [s] what an ordinary operating system may hold a process up for
+SHORTEST_FEEDFORWARD_TIMEOUT = 0.5  # [s] and as much again to fade: gone within a second of its author's end
+
+
+def timeouts(values: Mapping[str, Any]) -> dict[str, float]:
+    """How old each input may grow [s], by its name; infinite for any age.
+
+    Examples
+    --------
+    >>> chosen = {"measurement_timeout": -1.0, "tracking_timeout": 0.3, "feedforward_timeout": -1.0,
+    ...           "setpoint_timeout": 0.0, "manual_control_timeout": 0.0, "sample_time": 0.05, "trigger": "realtime"}
+    >>> timeouts(chosen)["measurement"], timeouts(chosen)["tracking"], timeouts(chosen)["setpoint"]
+    (0.25, 0.3, inf)
+    """
+    ticks = TICKS_MISSED * values["sample_time"]
+    signal = max(SHORTEST_TIMEOUT, ticks)
+    # In lockstep the author of a feedforward has no share in the loop's time: its silence tells nothing.
+    added = math.inf if values["trigger"] == "lockstep" else max(SHORTEST_FEEDFORWARD_TIMEOUT, ticks)
+    automatic = {"measurement": signal, "tracking": signal, "feedforward": added}
+
+    def chosen(name: str) -> float:
+        given = values[f"{name}_timeout"]
+        return automatic[name] if given == AUTOMATIC else given or math.inf
+
+    return {name: chosen(name) for name in (*automatic, "setpoint", "manual_control")}
+
+
+class LoopInputs:
+    """Setpoint, measurement, feedforward, manual control and tracking of a controller node.
+
+    Parameters
+    ----------
+    node : ManagedNode
+    values : mapping
+        Its parameters.
+    types : mapping
+        How each signal travels, by name.
+    counts : Counts
+        Where refusals are counted.
+    now : callable
+        The time by which inputs age [ns].
+    setpoint : float
+        Until one comes; NaN for none.
+
+    Attributes
+    ----------
+    setpoint, measurement, feedforward, manual, tracking : Input
+    """
+
+    def __init__(
+        self, node: ManagedNode, values: Mapping[str, Any], types: Mapping[str, SignalType], counts: Counts,
+        now: Callable[[], int], setpoint: float,
+    ) -> None:  # fmt: skip
+        self._node, self._types, self._counts, self._now = node, types, counts, now
+        self._lockstep = values["trigger"] == "lockstep"
+        self._period_ns = round(values["sample_time"] * 1e9)
+        self.setpoint, self.measurement = Input("setpoint", setpoint), Input("measurement")
+        self.feedforward, self.manual = Input("feedforward", 0.0), Input("manual_control")
+        self.tracking = Input("tracking")
+        self.all = (self.setpoint, self.measurement, self.feedforward, self.manual, self.tracking)
+        self.setpoint.arrived_ns = now()
+        self._newest_stamp: int | None = None
+        self._ahead: list[tuple[Input, Ahead]] = []
+        self._subscriptions: list[Subscription] = []
+        self.take_settings(values)
+
+    def take_settings(self, values: Mapping[str, Any]) -> None:
+        """Put timeouts and tolerance in force."""
+        for name, seconds in timeouts(values).items():
+            self._named(name).timeout_ns = seconds * 1e9
+        self._most_ahead_ns = self._period_ns + round(values["clock_skew_max"] * 1e9)
+
+    def _named(self, name: str) -> Input:
+        return next(one for one in self.all if one.name == name)
+
+    def listen(self, *, tracking: bool) -> None:
+        """Subscribe to all but the measurement; in lockstep what has come before a measurement counts for its tick."""
+        for one in (self.setpoint, self.feedforward, self.manual, *([self.tracking] if tracking else [])):
+            ahead = Ahead()
+            self._ahead.append((one, ahead))
+            self._subscriptions.append(self._listen(one, ahead))
+
+    def _listen(self, one: Input, ahead: Ahead) -> Subscription:
+        kind, lockstep = self._types[one.name], self._lockstep
+
+        def arrived(message: Any) -> None:
+            value, stamp = kind.read(message), kind.stamp_ns(message)
+            if lockstep and ahead.waits(stamp, value):
+                return
+            if lockstep or not self._comes_from_the_future(one, stamp):
+                self.take(one, value, self._now())
+
+        return self._node.endpoints.subscription(kind.message_type, one.name, arrived, loop_qos(lockstep=lockstep))
+
+    def begin(self) -> None:
+        """Forget the order of the samples before."""
+        self._newest_stamp = None
+
+    def begin_anew(self, now_ns: int) -> None:
+        """Time has jumped: what is there counts as new."""
+        for one in self.all:
+            one.arrived_ns = now_ns
+
+    def take_due(self, stamp_ns: int) -> None:
+        """In lockstep: everything that counts from this sample on."""
+        for subscription in self._subscriptions:
+            take_waiting(subscription)
+        for one, ahead in self._ahead:
+            for value in ahead.due(stamp_ns):
+                self.take(one, value, stamp_ns)
+
+    def take(self, one: Input, value: float, now_ns: int) -> None:
+        """Keep an input's newest value; one that is not finite is counted and refused."""
+        if one.take(value, now_ns):
+            return
+        where = f" at {self._types[one.name].field!r}" if math.isnan(value) else ""
+        self._refuse(one, f"{one.name} = {value}{where} refused ({one.refused} so far); allowed: finite numbers")
+
+    def take_measurement(self, message: Any) -> None:
+        """In real time: a stamp, where there is one, tells old samples from new ones."""
+        kind, one, now = self._types["measurement"], self.measurement, self._now()
+        stamp = kind.stamp_ns(message)
+        if self._comes_from_the_future(one, stamp):
+            return
+        if stamp:
+            before, self._newest_stamp = self._newest_stamp, stamp
+            if before is not None and stamp < before:
+                # A straggler, or its clock was set back: the next one after this stamp counts again.
+                self.warn_backwards("the measurement's stamp", "the sample is refused")
+                return
+            if stamp == before:  # the same sample again is as old as it was
+                now = one.arrived_ns
+        self.take(one, kind.read(message), now)
+
+    def _comes_from_the_future(self, one: Input, stamp_ns: int | None) -> bool:
+        """Whether a stamp is further ahead than a tick and the clocks' skew: it is refused and counted."""
+        if not stamp_ns:
+            return False
+        ahead_ns = stamp_ns - int(self._node.get_clock().now().nanoseconds)
+        if ahead_ns <= self._most_ahead_ns:
+            return False
+        one.refused += 1
+        self._counts.stamps_ahead += 1
+        allowed = f"allowed: {self._most_ahead_ns * 1e-9:g} s, a tick and clock_skew_max"
+        told = f"{one.name} is stamped {ahead_ns * 1e-9:.6g} s ahead of this node's clock; {allowed}"
+        self._refuse(one, f"{told}; refused ({one.refused} so far)")
+        return True
+
+    def _refuse(self, one: Input, told: str) -> None:
+        self._counts.refused_values += 1
+        self._node.get_logger().warning(told, throttle_duration_sec=1.0)
+
+    def warn_backwards(self, what: str, consequence: str) -> None:
+        """Count and tell that a time has run backwards."""
+        self._counts.times_backwards += 1
+        self._node.get_logger().warning(f"{what} ran backwards: {consequence}", throttle_duration_sec=1.0)
+
+    def lacking(self, now_ns: int, mode: str) -> list[Input]:
+        """The inputs without which the control cannot be worked out, and that are too old or have never come."""
+        found = [one for one in (self.setpoint, self.measurement) if not one.usable(now_ns)]
+        if mode == "manual" and not self.manual.missing and not self.manual.usable(now_ns):
+            found.append(self.manual)
+        return found
+
+    def dropped(self, now_ns: int) -> list[Input]:
+        """The inputs that the loop does without since they are too old."""
+        added = [self.feedforward] if self.feedforward.value and self.feedforward.stale(now_ns) else []
+        return added + ([self.tracking] if self.tracking.stale(now_ns) else [])
+
+    def facts(self, now_ns: int) -> dict[str, object]:
+        """What the diagnostics tell of them."""
+        ages = {f"age of the {one.name} [s]": one.age(now_ns) for one in self.all}
+        return {**ages, **{f"refused of the {one.name}": one.refused for one in self.all if one.refused}}

@@ -1,0 +1,187 @@
+"""What the controller does when nobody speaks any more, when two speak at once, and when a clock is wrong."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+
+from fopid_core.errors import InputError
+from fopid_msgs.msg import FopidState, ScalarStamped
+from fopid_ros.controller.inputs import timeouts
+from fopid_ros.controller.parameters import SPECS, check_timeouts
+
+from ..conftest import Graph
+from .fed import PERIOD, FedController, LockstepByHand, stamped
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+CONFIG = Path(__file__).parents[3] / "config"
+DEFAULTS = {spec.name: spec.default for spec in SPECS}
+HOUR = 3600 * 10**9
+
+
+@pytest.mark.parametrize(
+    ("sample_time", "expected"), [(0.001, 0.1), (0.01, 0.1), (0.02, 0.1), (0.1, 0.5), (1.0, 5.0), (60.0, 300.0)]
+)
+def test_by_default_a_measurement_is_stale_after_five_sample_times_and_no_sooner_than_a_tenth_of_a_second(
+    sample_time: float, expected: float
+) -> None:
+    chosen = timeouts({**DEFAULTS, "sample_time": sample_time})
+    assert chosen["measurement"] == chosen["tracking"] == expected
+    assert chosen["feedforward"] == max(0.5, expected)
+    assert chosen["setpoint"] == chosen["manual_control"] == float("inf")  # what a person has said once holds
+
+
+def test_a_timeout_is_off_when_zero_and_refused_between_automatic_and_off() -> None:
+    inputs = ("measurement", "setpoint", "feedforward", "manual_control", "tracking")
+    off = timeouts(DEFAULTS | {f"{name}_timeout": 0.0 for name in inputs})
+    assert set(off.values()) == {float("inf")}
+    for name in ("measurement", "feedforward", "tracking"):
+        with pytest.raises(InputError, match=f"{name}_timeout = -0.5; allowed: -1 for automatic"):
+            check_timeouts(DEFAULTS | {f"{name}_timeout": -0.5})
+
+
+def test_in_lockstep_a_feedforward_never_ages_by_default() -> None:
+    assert timeouts({**DEFAULTS, "trigger": "lockstep"})["feedforward"] == float("inf")
+
+
+def largest_move(states: list[FopidState]) -> float:
+    return max(abs(after.control - before.control) for before, after in pairwise(states))
+
+
+@pytest.mark.parametrize("process", ["P1", pytest.param("P4", marks=pytest.mark.slow)])
+def test_when_the_plant_is_killed_the_control_stays_put_and_goes_on_when_it_is_back(graph: Graph, process: str) -> None:
+    file = ["--params-file", str(CONFIG / f"{process}.yaml")]
+    plant = graph.start("plant_simulator", {}, *file)
+    states, _, diagnosed = watched(graph, file)
+    graph.until(lambda: states and states[-1].measurement > 0.1, "a loop that moves")
+    os.kill(plant.pid, signal.SIGKILL)
+    graph.until(lambda: states[-1].stale, "a stale measurement")
+    held, since = states[-1].control, len(states)
+    graph.until(lambda: (ERROR, "measurement stale") in diagnosed(), "an error in the diagnostics")
+    graph.spin(1.5)
+    assert {state.control for state in states[since:]} == {held}
+    assert len({state.integral for state in states[since + 1 :]}) == 1
+    graph.start("plant_simulator", {}, *file)
+    graph.until(lambda: not states[-1].stale, "a fresh measurement")
+    assert abs(next(state for state in states[since:] if not state.stale).control - held) < 0.05
+    graph.until(lambda: diagnosed() and diagnosed()[0][0] != ERROR, "an end of the error")
+
+
+def watched(graph: Graph, more: list[str]) -> tuple:
+    """States, the process, and what the newest diagnosis says, of a controller started with these arguments."""
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    states = graph.listen(FopidState, "fopid_controller/state")
+    reports = graph.listen(DiagnosticArray, "/diagnostics")
+    process = graph.start("fopid_controller", {}, *more)
+
+    def diagnosed() -> list[tuple[bytes, str]]:
+        return [(status.level, status.message) for status in reports[-1].status
+                if status.name == "/fopid_controller"] if reports else []  # fmt: skip
+
+    return states, process, diagnosed
+
+
+def test_an_addend_dies_with_its_author_within_a_second_and_without_a_bump(graph: Graph) -> None:
+    fed = FedController(graph, {"kp": 1.0})
+    fed.run(setpoint=1.0, sensor=1.0)
+    publisher = graph.node.create_publisher(ScalarStamped, "feedforward", 1)
+    graph.until(publisher.get_subscription_count, "the controller")
+
+    def added(state: FopidState) -> bool:
+        publisher.publish(ScalarStamped(value=2.0))
+        return state.feedforward == 2.0
+
+    fed.wait(added)
+    last, begun = time.monotonic(), len(fed.states)  # from here on its author is silent
+    fed.wait(lambda state: state.feedforward == 0.0)
+    assert time.monotonic() - last < 1.2
+    lasting = [state for state in fed.states[begun:] if state.feedforward == 2.0]
+    assert len(lasting) * PERIOD > 0.4  # a message lost does not end it
+    ticks = max(round(state.sample_interval / PERIOD) for state in fed.states[begun:])
+    assert largest_move(fed.states[begun:]) <= 2.0 * PERIOD / 0.5 * (ticks + 1)
+    fed.diagnosed(WARN, "feedforward stale: the loop goes on without it")
+    fed.wait(added)
+    fed.diagnosed(WARN, "feedforward stale")  # once more silent
+
+
+def test_in_lockstep_a_measurement_that_is_refused_again_and_again_is_stale_by_the_loops_time(graph: Graph) -> None:
+    loop = LockstepByHand(graph, {"kp": 1.0, "ki": 5.0})
+    loop.send("setpoint", 1.0)
+    controls = [loop.tick(sample, 0.5 if sample < 2 else float("nan")) for sample in range(30)]
+    assert [state.stale for state in loop.states] == [sample > 11 for sample in range(30)]  # 0.1 s after sample 1
+    assert len(set(controls[11:])) == 1
+    assert controls[11] > controls[10]
+
+
+def test_what_is_stamped_ahead_of_the_clock_is_refused_and_counted_and_cannot_capture_the_loop(graph: Graph) -> None:
+    fed = FedController(graph, {"kp": 1.0})
+    fed.run(setpoint=1.0, sensor=0.5)
+    for sample in range(20):
+        ahead = HOUR if sample % 2 else 10**9
+        fed.publishers["measurement"].publish(stamped(9.0, time.time_ns() + ahead))
+        fed.publishers["setpoint"].publish(stamped(9.0, time.time_ns() + ahead))
+        graph.spin(0.02)
+    assert {(state.setpoint, state.measurement) for state in fed.states if not state.stale} == {(1.0, 0.5)}
+    graph.until(lambda: int(fed.facts.get("stamps ahead of this clock refused", "0")) >= 10, "a count")
+    assert int(fed.facts["refused of the measurement"]) + int(fed.facts["refused of the setpoint"]) == int(
+        fed.facts["stamps ahead of this clock refused"]
+    )
+    assert fed.states[-1].refused >= 10
+    assert "s ahead of this node's clock; allowed: 0.01 s, a tick and clock_skew_max" in graph.logs()
+    assert graph.set("fopid_controller", clock_skew_max=7200.0).successful
+    fed.sensor = None
+
+    def taken(state: FopidState) -> bool:
+        fed.publishers["measurement"].publish(stamped(0.75, time.time_ns() + HOUR))
+        return state.measurement == 0.75
+
+    fed.wait(taken)
+
+
+@pytest.mark.slow
+def test_a_rival_whose_clock_is_an_hour_ahead_is_an_error_and_by_choice_the_safe_control(graph: Graph) -> None:
+    fed = FedController(graph, {"kp": 1.0, "ki": 0.5, "safe_control": -0.25})
+    fed.run(setpoint=1.0, sensor=0.5)
+    fed.diagnosed(OK, "auto")
+    rival = Node("rival", context=graph.context)
+    publisher = rival.create_publisher(ScalarStamped, "measurement", 1)
+    fed.diagnosed(ERROR, "measurement is published by /rival and /tester")
+    before = len(fed.states)
+    for _ in range(50):
+        publisher.publish(stamped(1e9, time.time_ns() + HOUR))
+        graph.spin(0.01)
+    assert all(state.measurement == 0.5 for state in fed.states[before:])
+    assert graph.set("fopid_controller", on_rivals="safe").successful
+    fed.wait(lambda state: state.control == -0.25)
+    rival.destroy_publisher(publisher)
+    back = fed.wait(lambda state: state.control != -0.25)
+    assert back.control == pytest.approx(-0.25, abs=0.01)  # it goes on from there
+    fed.diagnosed(OK, "auto")
+    rival.destroy_node()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("policy", "expected"), [("hold", 0.6), ("safe", 0.1)])
+def test_in_manual_mode_a_person_who_falls_silent_is_stale_when_a_timeout_says_so(
+    graph: Graph, policy: str, expected: float
+) -> None:
+    parameters = {"kp": 1.0, "mode": "manual", "on_stale": policy, "safe_control": 0.1, "manual_control_timeout": 0.3}
+    fed = FedController(graph, parameters)
+    fed.sensor, fed.setpoint = 0.5, 1.0
+
+    def driven(state: FopidState) -> bool:
+        fed.publishers["manual_control"].publish(ScalarStamped(value=0.6))
+        return state.control == 0.6 and not state.stale
+
+    fed.wait(driven)
+    fed.wait(lambda state: state.stale and state.control == expected)
+    fed.diagnosed(ERROR, "manual_control stale")
+    fed.wait(driven)
