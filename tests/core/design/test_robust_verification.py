@@ -10,7 +10,7 @@ import pytest
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.robust_verification import (
     RobustLimits,
-    possible_processes,
+    plausible_processes,
     robustness,
     tune_robustly,
 )
@@ -89,7 +89,7 @@ def test_the_worst_is_what_the_textbook_says() -> None:
 def test_the_hold_of_the_controller_delays_by_half_its_sample_time(learnt: IdentificationResult) -> None:
     assert learnt.best is not None
     s = 0.5j
-    held = complex(possible_processes(learnt, LIMITS, hold=0.1)[0](s)) / complex(learnt.best.process(s))
+    held = complex(plausible_processes(learnt, LIMITS, hold=0.1)[0](s)) / complex(learnt.best.process(s))
     assert np.angle(held) == pytest.approx(-0.5 * 0.5 * 0.1, rel=1e-3)
 
 

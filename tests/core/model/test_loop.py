@@ -23,8 +23,8 @@ def test_its_functions_are_those_of_the_loop_gain(loop: Loop) -> None:
     assert loop(S) == pytest.approx(gain)
     assert loop.sensitivity(S) == pytest.approx(1 / (1 + gain))
     assert loop.complementary_sensitivity(S) == pytest.approx(gain / (1 + gain))
-    assert loop.forward(S) / loop.opened(S) == pytest.approx(gain)
-    assert loop.characteristic(S) / loop.opened(S) == pytest.approx(1 + gain)
+    assert loop.open_loop_numerator(S) / loop.open_loop_denominator(S) == pytest.approx(gain)
+    assert loop.characteristic(S) / loop.open_loop_denominator(S) == pytest.approx(1 + gain)
 
 
 @pytest.mark.parametrize("loop", LOOPS, ids=str)

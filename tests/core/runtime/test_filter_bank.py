@@ -10,10 +10,10 @@ import pytest
 from fopid_core.errors import InputError
 from fopid_core.runtime.filter_bank import (
     Band,
-    DerivativeReading,
-    IntegralReading,
-    derivative_reading,
-    integral_reading,
+    DerivativeWeights,
+    IntegralWeights,
+    derivative_weights,
+    integral_weights,
 )
 
 NEAR = [1e-9, 1e-6, 1e-4]
@@ -23,12 +23,12 @@ ORDERS = np.unique(
 DECIBEL, DEGREE = 0.1, 0.5
 
 
-def of_integral(reading: IntegralReading, band: Band, s: np.ndarray) -> np.ndarray:
+def of_integral(reading: IntegralWeights, band: Band, s: np.ndarray) -> np.ndarray:
     lags = (reading.lags / (s[:, np.newaxis] + band.lag_poles())).sum(axis=1)
     return reading.integrator / s + lags + reading.direct
 
 
-def of_derivative(reading: DerivativeReading, band: Band, s: np.ndarray) -> np.ndarray:
+def of_derivative(reading: DerivativeWeights, band: Band, s: np.ndarray) -> np.ndarray:
     washouts = (reading.washouts * s[:, np.newaxis] / (s[:, np.newaxis] + band.lag_poles())).sum(axis=1)
     return washouts + reading.direct + reading.slope * s + reading.curvature * s**2
 
@@ -53,8 +53,8 @@ def test_a_band_of_given_edges_has_poles_for_its_own_width(edges: tuple[float, f
 def every_order_is_met(band: Band) -> None:
     s = 1j * np.geomspace(band.low, band.high, 601)
     for order in ORDERS:
-        integral = of_integral(integral_reading(band, order), band, s) / s**-order
-        derivative = of_derivative(derivative_reading(band, order), band, s) / s**order
+        integral = of_integral(integral_weights(band, order), band, s) / s**-order
+        derivative = of_derivative(derivative_weights(band, order), band, s) / s**order
         for ratio in (integral, derivative):
             assert np.abs(20 * np.log10(np.abs(ratio))).max() < DECIBEL, order
             assert np.abs(np.degrees(np.angle(ratio))).max() < DEGREE, order
@@ -63,7 +63,7 @@ def every_order_is_met(band: Band) -> None:
 @pytest.mark.parametrize("horizon", [0.0, 1.0, 1e6])
 def test_integral_of_any_order_has_a_true_integrator(horizon: float) -> None:
     band = Band.for_sample_time(0.01, horizon)
-    assert all(integral_reading(band, order).integrator > 0.0 for order in ORDERS[1:])
+    assert all(integral_weights(band, order).integrator > 0.0 for order in ORDERS[1:])
 
 
 @pytest.mark.parametrize("horizon", [5.0, 300.0])
@@ -71,7 +71,7 @@ def test_integral_of_any_order_has_a_true_integrator(horizon: float) -> None:
 def test_the_integral_of_a_step_is_right_up_to_the_horizon(order: float, horizon: float) -> None:
     # D^-a 1 = t^a / Gamma(1+a); the bank's 0.02 dB are 0.25 %.
     band = Band.for_sample_time(0.01, horizon)
-    reading, p = integral_reading(band, order), band.lag_poles()
+    reading, p = integral_weights(band, order), band.lag_poles()
     t = np.geomspace(0.1, horizon, 50)
     lags = (reading.lags / p * -np.expm1(-t[:, np.newaxis] * p)).sum(axis=1)
     ours = reading.integrator * t + lags + reading.direct

@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from fopid_core.runtime.filter_bank import Band, derivative_reading, integral_reading
+from fopid_core.runtime.filter_bank import Band, derivative_weights, integral_weights
 from fopid_core.runtime.operators import Operators
 
 H = 0.01
@@ -17,7 +17,7 @@ BAND = Band.for_sample_time(H)
 
 def operators(lam: float, mu: float, filter_time: float = 0.0) -> Operators:
     made = Operators(BAND, H, filter_time)
-    made.read_by(integral_reading(BAND, lam), derivative_reading(BAND, mu))
+    made.set_weights(integral_weights(BAND, lam), derivative_weights(BAND, mu))
     return made
 
 
@@ -95,8 +95,8 @@ def test_reading_by_other_orders_and_back_changes_nothing() -> None:
     made, twin = operators(0.7, 0.6), operators(0.7, 0.6)
     for k in range(200):
         value = math.sin(0.1 * k)
-        made.read_by(integral_reading(BAND, 1.4), derivative_reading(BAND, 2.0))
-        made.read_by(integral_reading(BAND, 0.7), derivative_reading(BAND, 0.6))
+        made.set_weights(integral_weights(BAND, 1.4), derivative_weights(BAND, 2.0))
+        made.set_weights(integral_weights(BAND, 0.7), derivative_weights(BAND, 0.6))
         assert made.push(value, value) == twin.push(value, value)
 
 

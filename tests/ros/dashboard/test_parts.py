@@ -14,13 +14,13 @@ from rclpy.task import Future
 
 from fopid_core.errors import InputError
 from fopid_ros.dashboard.access import Access, chosen_token
-from fopid_ros.dashboard.history import History, Place, thinned
+from fopid_ros.dashboard.history import Cursor, History, thinned
 from fopid_ros.dashboard.main import listening_sockets, page_address
 from fopid_ros.dashboard.node import tuning_request
-from fopid_ros.dashboard.remote import RefusedError, answer
+from fopid_ros.dashboard.remote_parameters import RefusedError, answer
 from fopid_ros.dashboard.undo import Undo
 
-MODULES = ("access", "history", "main", "node", "remote", "undo", "web")
+MODULES = ("access", "history", "main", "node", "remote_parameters", "undo", "web")
 derandomized = settings(derandomize=True, deadline=None, max_examples=60)
 values = st.floats(-1e6, 1e6) | st.just(math.nan)
 
@@ -51,7 +51,7 @@ def test_thinning_loses_no_extreme_and_invents_nothing(pairs: list[tuple[float, 
 @derandomized
 @given(st.lists(st.sampled_from(["sample", "settle", "read"]), max_size=80))
 def test_a_reader_gets_every_row_once_and_in_order(steps: list[str]) -> None:
-    history, place, got, sent = History(1000), Place(), [], 0
+    history, place, got, sent = History(1000), Cursor(), [], 0
     for step in [*steps, "settle", "read"]:
         if step == "sample":
             history.add(sent * 10_000_000, (float(sent),))
@@ -70,7 +70,7 @@ def test_a_late_reader_gets_what_is_kept_and_no_more() -> None:
     for k in range(25):
         history.add(k * 1_000_000_000, (float(k),))
         history.settle()
-    rows, place = history.since(Place())
+    rows, place = history.since(Cursor())
     assert [row[1] for row in rows] == [float(k) for k in range(15, 25)]
     assert history.since(place)[0] == []
 
@@ -80,7 +80,7 @@ def test_many_samples_between_two_messages_stay_few_and_keep_their_peak() -> Non
     for k in range(5000):
         history.add(k * 1_000_000, (math.sin(k), 99.0 if k == 1234 else 0.0))
     history.settle()
-    rows, _ = history.since(Place())
+    rows, _ = history.since(Cursor())
     assert len(rows) <= 8
     assert (1.234, 99.0) in [(row[0], row[2]) for row in rows]
 
@@ -90,7 +90,7 @@ def test_time_that_falls_back_begins_a_new_record() -> None:
     for second in (5, 6, 7):
         history.add(second * 1_000_000_000, (0.0,))
     history.settle()
-    _, place = history.since(Place())
+    _, place = history.since(Cursor())
     history.add(0, (1.0,))
     history.settle()
     rows, now = history.since(place)
@@ -103,7 +103,7 @@ def test_what_comes_a_little_late_is_left_out() -> None:
     for instant in (1_000_000_000, 2_000_000_000, 1_900_000_000, 2_000_000_000, 2_100_000_000):
         history.add(instant, (0.0,))
         history.settle()
-    rows, place = history.since(Place())
+    rows, place = history.since(Cursor())
     assert [row[0] for row in rows] == pytest.approx([0.0, 1.0, 1.1], abs=1e-12)
     assert place.record == 1
 
@@ -113,11 +113,11 @@ def test_of_two_rows_of_one_instant_the_later_one_is_kept() -> None:
     for instant, value in ((1, 0.0), (2, 1.0), (2, 2.0), (3, 3.0)):
         history.add(instant * 1_000_000_000, (value,))
     history.settle()
-    assert [row[1] for row in history.since(Place())[0]] == [0.0, 3.0]
+    assert [row[1] for row in history.since(Cursor())[0]] == [0.0, 3.0]
     history.add(4_000_000_000, (1.0,))
     history.add(4_000_000_000, (2.0,))
     history.settle()
-    assert [row[1] for row in history.since(Place())[0]] == [0.0, 3.0, 2.0]
+    assert [row[1] for row in history.since(Cursor())[0]] == [0.0, 3.0, 2.0]
 
 
 @pytest.mark.parametrize(
@@ -165,20 +165,20 @@ def test_tokens_are_random_or_long_enough() -> None:
 def test_going_back_again_and_again_passes_all_gains_in_reverse(kps: list[float]) -> None:
     undo, passed = Undo(), []
     for kp in kps:
-        undo.see({"kp": kp})
-        undo.see({"kp": kp})  # told twice, as a restart of the page would
+        undo.record({"kp": kp})
+        undo.record({"kp": kp})  # told twice, as a restart of the page would
     while (previous := undo.previous) is not None:
         passed.append(previous["kp"])
-        undo.see(previous)
+        undo.record(previous)
     assert passed == kps[-2::-1]
 
 
 def test_no_more_than_fifty_sets_of_gains_are_remembered() -> None:
     undo, steps = Undo(), 0
     for kp in range(80):
-        undo.see({"kp": kp})
+        undo.record({"kp": kp})
     while (previous := undo.previous) is not None:
-        undo.see(previous)
+        undo.record(previous)
         steps += 1
     assert steps == 50
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import rclpy
 
-from fopid_core.design.acceptance import MS_MAX, TICKS
+from fopid_core.design.acceptance import DELAY_MARGIN_TICKS, MS_MAX
 from fopid_core.model.process import read_process
 from fopid_core.study.bags.bag import read_bag
 from fopid_core.study.experiments.experiment import Experiment, Phase
@@ -21,7 +21,7 @@ from fopid_core.study.experiments.profiles import Bag, Ramp, Sine, Steps
 from fopid_core.study.experiments.simulate import replayed, simulate_experiment
 from fopid_core.study.experiments.tune_call import TuneCall
 from fopid_core.study.reports.run import Signal
-from fopid_ros.common.ahead import Ahead
+from fopid_ros.common.pending_values import PendingValues
 from fopid_ros.controller.parameters import SPECS as CONTROLLER_SPECS
 from fopid_ros.experiment.node import ExperimentNode, tune_request
 from fopid_ros.experiment.with_nodes import node_parameters
@@ -108,7 +108,7 @@ def test_a_recorded_setpoint_is_replayed_through_the_nodes_and_only_what_is_aske
 def test_the_tuners_node_makes_the_same_of_a_call_as_the_simulation(call: TuneCall) -> None:
     defaults = {spec.name: spec.default for spec in TUNER_SPECS} | {"process": "P1", "sample_time": 0.02}
     assert tuning_request(tune_request(call), defaults) == call.request(read_process("P1"), 0.02)
-    assert (defaults["verify.ms_max"], defaults["verify.ticks"]) == (MS_MAX, TICKS)
+    assert (defaults["verify.ms_max"], defaults["verify.ticks"]) == (MS_MAX, DELAY_MARGIN_TICKS)
 
 
 def test_in_lockstep_the_tuner_does_not_listen_to_the_loop() -> None:
@@ -152,13 +152,13 @@ def test_the_core_knows_every_parameter_of_the_controllers_node() -> None:
 
 
 def test_values_that_come_ahead_wait_for_their_sample_and_others_do_not() -> None:
-    ahead = Ahead()
+    ahead = PendingValues()
     wall_clock = 1_800_000_000 * 10**9
-    assert not any(ahead.waits(stamp, 1.0) for stamp in (None, 0, wall_clock))
-    assert all(ahead.waits(stamp, stamp / 10) for stamp in (10, 20, 30))
+    assert not any(ahead.defer(stamp, 1.0) for stamp in (None, 0, wall_clock))
+    assert all(ahead.defer(stamp, stamp / 10) for stamp in (10, 20, 30))
     assert list(ahead.due(5)) == []
     assert list(ahead.due(20)) == [1.0, 2.0]
-    assert not ahead.waits(20, 7.0)
+    assert not ahead.defer(20, 7.0)
     assert list(ahead.due(100)) == [3.0]
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from fopid_core.study.campaigns.campaign import Campaign
-    from fopid_core.study.campaigns.run import Standing
+    from fopid_core.study.campaigns.run import CampaignProgress
 
 
 @click.command("campaign", context_settings=ARGUMENTS)
@@ -63,19 +63,19 @@ def _progress() -> Progress:
 
 
 class _Told:
-    """The standing as a bar on a terminal, and else as a line for each tenth of the runs."""
+    """The progress as a bar on a terminal, and else as a line for each tenth of the runs."""
 
     def __init__(self, campaign: Campaign, bar: Progress) -> None:
         self._bar, self._task = bar, bar.add_task("", total=campaign.runs)
         self._tenth = -1
 
-    def __call__(self, standing: Standing) -> None:
-        left = "" if math.isnan(standing.left) else f"about {_duration(standing.left)} left"
-        self._bar.update(self._task, completed=standing.done, description=left)
-        tenth = 10 * standing.done // standing.total
+    def __call__(self, progress: CampaignProgress) -> None:
+        left = "" if math.isnan(progress.left) else f"about {_duration(progress.left)} left"
+        self._bar.update(self._task, completed=progress.done, description=left)
+        tenth = 10 * progress.done // progress.total
         if self._bar.disable and tenth > self._tenth:
             self._tenth = tenth
-            print(f"{standing.done:,} of {standing.total:,} runs {left}".rstrip(), file=sys.stderr, flush=True)
+            print(f"{progress.done:,} of {progress.total:,} runs {left}".rstrip(), file=sys.stderr, flush=True)
 
 
 def _duration(seconds: float) -> str:

@@ -9,11 +9,13 @@ from fopid_core.design.specification import TuningResult
 MS_MAX = 4.0
 """Gains with a larger max |S| are not applied: ``verify.ms_max`` of the tuner's node."""
 
-TICKS = 2.0
+DELAY_MARGIN_TICKS = 2.0
 """Gains with a delay margin of fewer ticks are not applied: ``verify.ticks`` of the tuner's node."""
 
 
-def refusal(result: TuningResult, sample_time: float, ms_max: float = MS_MAX, ticks: float = TICKS) -> str:
+def rejection_reason(
+    result: TuningResult, sample_time: float, ms_max: float = MS_MAX, ticks: float = DELAY_MARGIN_TICKS
+) -> str:
     """Why a design is not applied; empty when it may be.
 
     Parameters

@@ -22,7 +22,7 @@ from fopid_core.model.stability import process_stability, stability
 PLAUSIBLE = 1.5
 """Other templates count as possible while their held-back error is at most so many times the best one's, and their
 residual is as white."""
-CAUTION = (0.7, 0.5, 0.35, 0.2)
+DETUNING = (0.7, 0.5, 0.35, 0.2)
 """Shares of the first crossover that are tried in turn, or of what the bound on max |S| has above 1."""
 UNSEEN = 10.0
 """A steady-state gain that is so many times the gain at the crossover is that of a process that integrates."""
@@ -137,7 +137,7 @@ def robustness(controller: Fopid, processes: Sequence[Process], limits: RobustLi
     return Robustness(not unstable and within, len(found), len(loops), max(ms, default=math.inf), phase_margin, worst)
 
 
-def possible_processes(identified: IdentificationResult, limits: RobustLimits, hold: float) -> tuple[Process, ...]:
+def plausible_processes(identified: IdentificationResult, limits: RobustLimits, hold: float) -> tuple[Process, ...]:
     """The best model, draws from its covariance, and the models of other templates that explain about as much.
 
     Each as a controller sees it that holds its signal for ``hold`` [s]: behind two quick lags, together half as long.
@@ -185,7 +185,7 @@ def tune_robustly(
     limits = limits or RobustLimits()
     wished = request or TuningRequest(identified.best.process)
     wished = replace(wished, process=identified.best.process)
-    processes = possible_processes(identified, limits, wished.sample_time)
+    processes = plausible_processes(identified, limits, wished.sample_time)
     waiting, attempts = [_within_reach(wished, identified.best)], 0
     tuning, judged = None, None
     while waiting:
@@ -193,7 +193,7 @@ def tune_robustly(
         tuning = tune(careful)
         attempts += 1
         if attempts == 1:
-            waiting = _more_careful(careful, tuning, identified.best.crossover)
+            waiting = _detuned(careful, tuning, identified.best.crossover)
         if not tuning.success or tuning.controller is None:
             continue
         judged = robustness(tuning.controller, processes, limits)
@@ -224,15 +224,15 @@ def _bounded(request: TuningRequest, best: IdentifiedModel) -> TuningRequest:
     return replace(request, u_max=U_MAX / at_work)
 
 
-def _more_careful(request: TuningRequest, first: TuningResult, crossover: float) -> list[TuningRequest]:
+def _detuned(request: TuningRequest, first: TuningResult, crossover: float) -> list[TuningRequest]:
     """The request with less crossover than the first design, or with a tighter bound on max |S|."""
     if request.method == "frequency":
         from_here = request.crossover or (first.achieved.crossover if first.achieved else crossover)
         margin = request.phase_margin or PHASE_MARGIN
-        return [replace(request, phase_margin=margin, crossover=share * from_here) for share in CAUTION]
+        return [replace(request, phase_margin=margin, crossover=share * from_here) for share in DETUNING]
     if request.method == "time":
         room = (request.ms_max or MS_MAX) - 1.0
-        return [replace(request, ms_max=1.0 + share * room) for share in CAUTION]
+        return [replace(request, ms_max=1.0 + share * room) for share in DETUNING]
     return []
 
 

@@ -127,7 +127,7 @@ class _Division:
 
 
 @dataclass(frozen=True)
-class Ladder:
+class PowerSeries:
     """Sum over j of ``coefficients[j] (s + b)**-(power + j) exp(-delay s)``: powers one apart, evaluated together."""
 
     delay: float
@@ -173,12 +173,12 @@ class SingularPart:
     ----------
     rate : float
         b [1/s].
-    ladders : tuple of Ladder
+    series : tuple of PowerSeries
         The terms, those with powers one apart together.
     """
 
     rate: float
-    ladders: tuple[Ladder, ...]
+    series: tuple[PowerSeries, ...]
 
     @staticmethod
     def of(expansion: QuasiPolynomial, rate: float, highest_power: float) -> SingularPart:
@@ -192,38 +192,38 @@ class SingularPart:
                 rung = round(power - fraction) + j
                 own[rung] = own.get(rung, 0.0) + coefficient
                 coefficient *= (power + j) * rate / (j + 1)
-        ladders = []
+        series = []
         for (delay, fraction), own in rungs.items():
             lowest = min(own)
             coefficients = np.array([own.get(rung, 0.0) for rung in range(lowest, max(own) + 1)])
-            ladders.append(Ladder(delay, lowest + fraction, coefficients))
-        return SingularPart(rate, tuple(ladders))
+            series.append(PowerSeries(delay, lowest + fraction, coefficients))
+        return SingularPart(rate, tuple(series))
 
     def transform(self, s: Complexes) -> Complexes:
         """Its value at every element of ``s``."""
         sigma = s + self.rate
         log_sigma = np.log(sigma)
         total = np.zeros_like(s)
-        for delay in {ladder.delay for ladder in self.ladders}:
-            own = sum(ladder.transform(sigma, log_sigma) for ladder in self.ladders if ladder.delay == delay)
+        for delay in {one.delay for one in self.series}:
+            own = sum(one.transform(sigma, log_sigma) for one in self.series if one.delay == delay)
             total += own * np.exp(-delay * s) if delay else own
         return total
 
     def signal(self, time: Floats) -> Floats:
         """Its value for t > 0; at 0 and at the delays, to rounding, the limit from the right."""
         total = np.zeros_like(time)
-        for delay in {ladder.delay for ladder in self.ladders}:
-            own = [ladder for ladder in self.ladders if ladder.delay == delay]
+        for delay in {one.delay for one in self.series}:
+            own = [one for one in self.series if one.delay == delay]
             elapsed = time - delay
             after, at = elapsed > _ROUNDING * delay, np.abs(elapsed) <= _ROUNDING * delay
             since = elapsed[after]
-            total[after] += np.exp(-self.rate * since) * sum(ladder.signal(since) for ladder in own)
+            total[after] += np.exp(-self.rate * since) * sum(one.signal(since) for one in own)
             if at.any():
                 total[at] += _right_limit(own)
         return total
 
 
-def _right_limit(ladders: list[Ladder]) -> float:
+def _right_limit(series: list[PowerSeries]) -> float:
     """The limit of their sum at its delay: the strongest singularity decides."""
-    power, sign = min(ladder.singularity() for ladder in ladders)
-    return sign * math.inf if power < 1.0 else sum(ladder.jump() for ladder in ladders)
+    power, sign = min(one.singularity() for one in series)
+    return sign * math.inf if power < 1.0 else sum(one.jump() for one in series)

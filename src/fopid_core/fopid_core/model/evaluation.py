@@ -169,7 +169,7 @@ def _first(w: Floats, happens: Booleans) -> float:
 
 def _steady_state_error(loop: Loop) -> float:
     """S(0), the final value of the error after a unit step."""
-    opened, closed = loop.opened, loop.characteristic
+    opened, closed = loop.open_loop_denominator, loop.characteristic
     if opened.lowest_order > closed.lowest_order:
         return 0.0
     return opened.sum_of_order(0.0) / closed.sum_of_order(0.0)

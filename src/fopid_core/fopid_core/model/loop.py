@@ -52,12 +52,12 @@ class Loop:
         return controller.derivative(s) / controller(s) + self.process.logarithmic_derivative(s)
 
     @cached_property
-    def forward(self) -> QuasiPolynomial:
-        """The numerator of L(s) over ``opened``."""
+    def open_loop_numerator(self) -> QuasiPolynomial:
+        """The numerator of L(s) over ``open_loop_denominator``."""
         return self.controller.numerator * self.process.numerator
 
     @cached_property
-    def opened(self) -> QuasiPolynomial:
+    def open_loop_denominator(self) -> QuasiPolynomial:
         """The denominator of L(s): the process's, times ``s**lam`` where there is integral action."""
         return self.process.denominator.shifted(self.controller.integral_order)
 
@@ -67,4 +67,4 @@ class Loop:
 
         Nothing is cancelled in it, so that a cancelled unstable pole still shows.
         """
-        return self.opened + self.forward
+        return self.open_loop_denominator + self.open_loop_numerator

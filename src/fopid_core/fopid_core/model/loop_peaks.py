@@ -38,15 +38,15 @@ class LoopPeaks:
 
     def sensitivity(self, band: Band = EVERYWHERE) -> Peak:
         """Of |S|, on a band [rad/s]."""
-        return self._highest(self.loop.opened, band)
+        return self._highest(self.loop.open_loop_denominator, band)
 
     def complementary(self, band: Band = EVERYWHERE) -> Peak:
         """Of |T|, on a band [rad/s]."""
-        return self._highest(self.loop.forward, band)
+        return self._highest(self.loop.open_loop_numerator, band)
 
     def weighted_complementary(self) -> Peak:
         """Of w |T(jw)| [rad/s]."""
-        return self._highest(self.loop.forward.shifted(1.0), EVERYWHERE)
+        return self._highest(self.loop.open_loop_numerator.shifted(1.0), EVERYWHERE)
 
     def noise_gain(self, band: Band = EVERYWHERE) -> Peak:
         """Of |C S|, from measurement noise to control, on a band [rad/s]."""
@@ -66,7 +66,7 @@ class LoopPeaks:
     @cached_property
     def log_frequency(self) -> Floats:
         """Ascending ln w over all that happens in the loop, close together where a pole or a zero is near the axis."""
-        others = (self.loop.process.denominator, self.loop.forward)
+        others = (self.loop.process.denominator, self.loop.open_loop_numerator)
         zeros = [self.closed, *(right_half_plane_zeros(part) for part in others if not part.is_zero)]
         dense = np.concatenate([[0.0], *(found.log_frequency for found in zeros)])
         low, high = dense.min() - 1.0, dense.max() + 1.0

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fopid_core.model.adaptive_grid import refine, roots
 from fopid_core.model.arrays import Complexes, Floats
-from fopid_core.model.curves import follow, roots
 from fopid_core.model.loop import Loop
 from fopid_core.model.loop_peaks import LoopPeaks
 from fopid_core.model.peaks import limits
@@ -85,17 +85,17 @@ def margins(loop: Loop) -> Margins:
     >>> round(found.gain_margin, 9), round(math.degrees(found.phase_margin), 2)
     (4.0, 67.6)
     """
-    if loop.forward.is_zero:
+    if loop.open_loop_numerator.is_zero:
         return _without_feedback(loop)
     peaks = LoopPeaks(loop)
     stable = bool(peaks.closed.all_left[0])
-    z, response = follow(lambda x: loop(1j * np.exp(x)), _grid(loop, peaks.log_frequency))
+    z, response = refine(lambda x: loop(1j * np.exp(x)), _grid(loop, peaks.log_frequency))
     crossovers = _crossings(lambda x: np.log(np.abs(loop(1j * np.exp(x)))), z, np.log(np.abs(response)))
     phase_margin, crossover, delay_margin, slope = _phase_margin(loop, crossovers)
     phase_crossovers = _phase_crossings(loop, z, response)
     gain_margin, phase_crossover = _gain_margin(loop, phase_crossovers)
     sensitivity, complementary = peaks.sensitivity(), peaks.complementary()
-    tolerant = stable and limits(loop.forward, loop.opened)[1] < 1.0
+    tolerant = stable and limits(loop.open_loop_numerator, loop.open_loop_denominator)[1] < 1.0
     return Margins(
         phase_margin, crossover, gain_margin, phase_crossover,
         delay_margin if tolerant else 0.0, 1.0 / peaks.weighted_complementary().value if stable else 0.0,

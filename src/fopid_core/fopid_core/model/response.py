@@ -15,10 +15,10 @@ import numpy as np
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.asymptotics import SingularPart, expansion_at_infinity, fast_rate, leading_term
-from fopid_core.model.growth import growth_bound
 from fopid_core.model.inversion import Signals, fastest_rate, invert, values_at
 from fopid_core.model.loop import Loop
 from fopid_core.model.quasipolynomial import QuasiPolynomial
+from fopid_core.model.spectral_abscissa import spectral_abscissa_bound
 from fopid_core.model.stability import stability
 
 Source = Literal["setpoint", "load"]
@@ -134,9 +134,9 @@ class _Transforms:
     @staticmethod
     def of(loop: Loop, source: Source, horizon: float) -> _Transforms:
         if source == "setpoint":
-            numerators = loop.forward, loop.controller.numerator * loop.process.denominator
+            numerators = loop.open_loop_numerator, loop.controller.numerator * loop.process.denominator
         else:
-            numerators = loop.process.numerator.shifted(loop.controller.integral_order), -loop.forward
+            numerators = loop.process.numerator.shifted(loop.controller.integral_order), -loop.open_loop_numerator
         denominator = loop.characteristic.shifted(1.0)
         rate = max(fast_rate(loop.characteristic), 1.0 / horizon)
         sudden = tuple(_sudden_part(numerator, denominator, horizon, rate) for numerator in numerators)
@@ -145,7 +145,7 @@ class _Transforms:
     def remainders(self, growth: float) -> Signals:
         """What the sudden parts leave."""
         echoes = any(t.delay for t in self.denominator.terms)
-        most_points = _MOST_WORK // (_MOST_WORK // _MOST_POINTS + sum(len(part.ladders) for part in self.sudden))
+        most_points = _MOST_WORK // (_MOST_WORK // _MOST_POINTS + sum(len(part.series) for part in self.sudden))
         return Signals(
             self._smooth, lambda time: np.abs(self.sudden_signals(time)), self.rate, growth, echoes, most_points
         )
@@ -177,7 +177,7 @@ def _growth(loop: Loop, horizon: float) -> float:
     verdict = stability(loop)
     if verdict.unstable_poles == 0 or not verdict.decided:  # on the border nothing grows by much
         return 0.0
-    growth = growth_bound(loop.characteristic, _LARGEST_EXPONENT / horizon)
+    growth = spectral_abscissa_bound(loop.characteristic, _LARGEST_EXPONENT / horizon)
     if math.isinf(growth):
         raise InputError(
             f"horizon = {horizon:g} s: the unstable loop grows by more than exp({_LARGEST_EXPONENT:g}) until then; "

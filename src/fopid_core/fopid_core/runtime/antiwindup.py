@@ -25,7 +25,7 @@ _FIRST_TICKS = 64  # in which an echo that dies away is loudest
 _FASTEST = 1.0 + 1e-6  # growth per tick: less than threefold in a million ticks
 
 
-def instant_gain(operators: Operators, gains: Fopid) -> float:
+def direct_feedthrough(operators: Operators, gains: Fopid) -> float:
     """Control per unit of error at the same tick; never so little that taking it back would overshoot."""
     gain = gains.kp + gains.ki * operators.matrix[-2, -2] + gains.kd * operators.matrix[-1, -1]
     least = abs(gains.ki) * operators.integral_after_one_tick()
@@ -37,11 +37,11 @@ def conditioning(operators: Operators, gains: Fopid) -> Vector | None:
 
     None where the inverse of the controller is not stable, and where there is no integral to unwind.
     """
-    n, matrix, gain = operators.size, operators.matrix, instant_gain(operators, gains)
+    n, matrix, gain = operators.size, operators.matrix, direct_feedthrough(operators, gains)
     if gains.ki == 0.0:
         return None
     of_error = np.asarray((matrix[:n, -2] + matrix[:n, -1]) / gain)
-    return of_error if _dies_away(operators, gains, matrix[:, :n] @ of_error) else None
+    return of_error if _is_stable(operators, gains, matrix[:, :n] @ of_error) else None
 
 
 def tracking_gain(operators: Operators, gains: Fopid, tracking_time: float) -> float:
@@ -56,12 +56,12 @@ def tracking_gain(operators: Operators, gains: Fopid, tracking_time: float) -> f
     scale = tracking_time**lam if tracking_time else abs(gains.kp / ki) or 1.0
     per_excess = max(abs(ki) * scale, 2.0 * abs(ki) * operators.integral_after_one_tick())
     gain = math.copysign(1.0 / per_excess, ki) if per_excess > 1e-300 else 0.0
-    while gain and not _dies_away(operators, gains, gain * operators.matrix[:, -2]):
+    while gain and not _is_stable(operators, gains, gain * operators.matrix[:, -2]):
         gain *= 0.5
     return gain
 
 
-def _dies_away(operators: Operators, gains: Fopid, taken_in: Vector) -> bool:
+def _is_stable(operators: Operators, gains: Fopid, taken_in: Vector) -> bool:
     """Whether an excess that is taken in so (a column of the operators' matrix) does not come back ever louder."""
     only_integral = not taken_in[operators.integrated : operators.size].any()
     n = operators.integrated if only_integral else operators.size

@@ -12,9 +12,9 @@ from string import Template
 import numpy as np
 
 from fopid_core.errors import InputError
-from fopid_core.runtime.antiwindup import conditioning, instant_gain, tracking_gain
+from fopid_core.runtime.antiwindup import conditioning, direct_feedthrough, tracking_gain
 from fopid_core.runtime.controller import FopidController
-from fopid_core.runtime.filter_bank import derivative_reading, integral_reading
+from fopid_core.runtime.filter_bank import derivative_weights, integral_weights
 from fopid_core.runtime.operators import Operators
 from fopid_core.runtime.settings import ControllerSettings
 
@@ -75,10 +75,10 @@ def c_test(settings: ControllerSettings, name: str = "fopid_controller", ticks: 
 def _numbers_of_operators(settings: ControllerSettings) -> dict[str, object]:
     band, gains = settings.active_band, settings.gains
     operators = Operators(band, settings.sample_time, settings.derivative_filter_time)
-    integral, derivative = integral_reading(band, gains.lam), derivative_reading(band, gains.mu)
-    operators.read_by(integral, derivative)
+    integral, derivative = integral_weights(band, gains.lam), derivative_weights(band, gains.mu)
+    operators.set_weights(integral, derivative)
     conditioned = not settings.tracking_time and conditioning(operators, gains) is not None
-    gain = instant_gain(operators, gains)
+    gain = direct_feedthrough(operators, gains)
     p = band.lag_poles()
     leak = np.expm1(-p * settings.sample_time)
     value = operators.integrated + len(p)  # the row of the filtered signal

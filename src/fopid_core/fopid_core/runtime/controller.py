@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from fopid_core.errors import InputError
-from fopid_core.runtime.antiwindup import conditioning, instant_gain, tracking_gain
-from fopid_core.runtime.filter_bank import Band, derivative_reading, integral_reading
+from fopid_core.runtime.antiwindup import conditioning, direct_feedthrough, tracking_gain
+from fopid_core.runtime.filter_bank import Band, derivative_weights, integral_weights
 from fopid_core.runtime.operators import Operators
 from fopid_core.runtime.settings import LARGEST, LOWEST, AntiWindup, ControllerSettings, with_gains
 
@@ -85,7 +85,7 @@ class FopidController:
         self._origin = 0.0  # the first measurement: signals count from there
         self._differentiated = 0.0  # the differentiated signal
         self._shift = 0.0  # what bumpless changes have taken out of it
-        self._remembered = self._settings.safe_control  # the control that what is remembered stands for
+        self._implied_control = self._settings.safe_control  # the control that what is remembered stands for
         self._held = False  # whether the last tick was a hold
         self.state = ControllerState(control=self._settings.safe_control, mode=self.state.mode)
 
@@ -97,8 +97,8 @@ class FopidController:
         """
         state, before = self.state, self._settings
         if self._conditioned and settings.gains != before.gains:
-            self._operators.correct(self._owed(state.control - self._remembered))
-            self._remembered = state.control
+            self._operators.correct(self._windup_excess(state.control - self._implied_control))
+            self._implied_control = state.control
             self._read(*self._operators.read())
         old = state.proportional + state.integral + state.derivative
         self._install(settings)
@@ -107,7 +107,7 @@ class FopidController:
         self._shift += new_weight * (state.setpoint - self._origin)
         self._read(*self._operators.read())
         if settings.bumpless:
-            self._take_up(old - state.proportional - state.integral - state.derivative)
+            self._shift_bias(old - state.proportional - state.integral - state.derivative)
 
     def set_mode(self, mode: Mode) -> None:
         """Switch between automatic and manual; the control signal does not jump."""
@@ -116,7 +116,7 @@ class FopidController:
         state = self.state
         if mode == "auto" and state.mode == "manual":
             parts = state.proportional + state.integral + state.derivative + state.feedforward
-            self._take_up(state.control - parts)
+            self._shift_bias(state.control - parts)
         state.mode = mode
 
     def step(
@@ -163,22 +163,27 @@ class FopidController:
             last = tracking
         if not self._started:
             self._start(measurement, last)
-        if self._setpoint_step < math.inf:
-            setpoint = _limited(setpoint, state.setpoint - self._setpoint_step, state.setpoint + self._setpoint_step)
+        if self._setpoint_move_max < math.inf:
+            setpoint = _limited(
+                setpoint, state.setpoint - self._setpoint_move_max, state.setpoint + self._setpoint_move_max
+            )
         held = self._held
         before = state.proportional + state.derivative + state.feedforward if held else 0.0
         state.setpoint, state.measurement, state.feedforward = setpoint, measurement, feedforward
-        self._advance(setpoint, measurement, last - self._remembered, tracking is not None)
+        self._advance(setpoint, measurement, last - self._implied_control, tracking is not None)
         if held:
-            self._take_up(before - state.proportional - state.derivative - feedforward)
+            self._shift_bias(before - state.proportional - state.derivative - feedforward)
             self._held = False
         automatic = state.mode == "auto"
         parts = state.proportional + state.integral + state.derivative + feedforward
         unlimited = parts if automatic else manual
-        free = self._low <= unlimited <= self._high and -self._furthest <= unlimited - last <= self._furthest
+        free = (
+            self._low <= unlimited <= self._high
+            and -self._control_move_max <= unlimited - last <= self._control_move_max
+        )
         control = unlimited if free else self._limit(unlimited, last)
         state.control_unlimited, state.control, state.saturated = unlimited, control, control != unlimited
-        self._remembered = unlimited if automatic else control
+        self._implied_control = unlimited if automatic else control
         return control
 
     def hold(self, control: float | None = None) -> float:
@@ -209,8 +214,8 @@ class FopidController:
             raise _refused(control=wanted)
         held = self._limit(wanted, state.control)
         state.control_unlimited, state.control, state.saturated = wanted, held, held != wanted
-        self._take_up(held - state.proportional - state.integral - state.derivative - state.feedforward)
-        self._remembered, self._held = held, True
+        self._shift_bias(held - state.proportional - state.integral - state.derivative - state.feedforward)
+        self._implied_control, self._held = held, True
         return held
 
     def _install(self, settings: ControllerSettings) -> None:
@@ -218,19 +223,19 @@ class FopidController:
         self._settings, gains, band = settings, settings.gains, settings.active_band
         self._provide_operators(settings)
         operators = self._operators
-        operators.read_by(integral_reading(band, gains.lam), derivative_reading(band, gains.mu))
+        operators.set_weights(integral_weights(band, gains.lam), derivative_weights(band, gains.mu))
         self._kp, self._ki, self._kd = gains.kp, gains.ki, gains.kd
         self._off_proportional = 1.0 - settings.setpoint_weight
-        self._setpoint_step = settings.setpoint_rate_max * settings.sample_time
+        self._setpoint_move_max = settings.setpoint_rate_max * settings.sample_time
         self._low, self._high = settings.control_min, settings.control_max
-        self._furthest = settings.control_rate_max * settings.sample_time
+        self._control_move_max = settings.control_rate_max * settings.sample_time
         self._deadband, self._derivative_weight = settings.deadband, settings.derivative_setpoint_weight
         correction = None if settings.tracking_time else conditioning(operators, gains)
         self._conditioned = correction is not None
         if correction is not None:
-            operators.correct_by(correction)
+            operators.set_correction(correction)
         self._tracking_gain = tracking_gain(operators, gains, settings.tracking_time)
-        self._direction = instant_gain(operators, gains) if self._conditioned else gains.ki
+        self._direction = direct_feedthrough(operators, gains) if self._conditioned else gains.ki
 
     def _provide_operators(self, settings: ControllerSettings) -> None:
         structure = (settings.active_band, settings.sample_time)
@@ -239,7 +244,7 @@ class FopidController:
             return
         operators = Operators(*arguments)
         if self._arguments and structure == self._arguments[:2]:
-            step = operators.take_over(self._operators)
+            step = operators.copy_state(self._operators)
             self._shift += step
             self._differentiated -= step
         self._operators, self._arguments = operators, arguments
@@ -247,11 +252,11 @@ class FopidController:
     def _start(self, measurement: float, control: float) -> None:
         self._started = True
         self._origin = self.state.setpoint = measurement
-        self._remembered = control
+        self._implied_control = control
 
     def _advance(self, setpoint: float, measurement: float, excess: float, tracks: bool) -> None:
         """Carry on what is remembered, and read the three parts."""
-        owed = self._owed(excess) if excess else 0.0
+        correction = self._windup_excess(excess) if excess else 0.0
         error = setpoint - measurement
         if self._deadband:
             error -= _limited(error, -self._deadband, self._deadband)
@@ -264,13 +269,13 @@ class FopidController:
         self._differentiated = changing
         integrated = error
         if self.state.mode == "manual":
-            integrated = owed = 0.0
-        elif owed and (tracks or not self._conditioned):
-            integrated, owed = error + self._tracking_gain * owed, 0.0
-        integral, derivative = self._operators.push(integrated, changing, owed)
+            integrated = correction = 0.0
+        elif correction and (tracks or not self._conditioned):
+            integrated, correction = error + self._tracking_gain * correction, 0.0
+        integral, derivative = self._operators.push(integrated, changing, correction)
         self._read(integral, derivative)
 
-    def _owed(self, excess: float) -> float:
+    def _windup_excess(self, excess: float) -> float:
         """How much of the excess of the last tick what is remembered has to take in."""
         antiwindup = self._settings.antiwindup
         if antiwindup == "back_calculation":
@@ -286,14 +291,14 @@ class FopidController:
         state.integral = self._ki * integral + self._bias
         state.derivative = self._kd * derivative
 
-    def _take_up(self, step: float) -> None:
+    def _shift_bias(self, step: float) -> None:
         """The integral goes on from ``step`` higher."""
         self._bias += step
         self.state.integral += step
 
     def _limit(self, wanted: float, last: float) -> float:
         limited = _limited(wanted, self._low, self._high)
-        return _limited(limited, last - self._furthest, last + self._furthest)
+        return _limited(limited, last - self._control_move_max, last + self._control_move_max)
 
 
 def _limited(value: float, low: float, high: float) -> float:

@@ -91,7 +91,7 @@ class Band:
 
 
 @dataclass(frozen=True)
-class IntegralReading:
+class IntegralWeights:
     """s^-lam v = integrator * (1/s) v + lags @ [1/(s + p) v] + direct * v."""
 
     integrator: float
@@ -100,7 +100,7 @@ class IntegralReading:
 
 
 @dataclass(frozen=True)
-class DerivativeReading:
+class DerivativeWeights:
     """s^mu v = washouts @ [s/(s + p) v] + direct * v + slope * v' + curvature * v''."""
 
     washouts: Vector
@@ -110,49 +110,49 @@ class DerivativeReading:
 
 
 @lru_cache(maxsize=256)
-def integral_reading(band: Band, order: float) -> IntegralReading:
+def integral_weights(band: Band, order: float) -> IntegralWeights:
     """The reading that makes s^-order, with 0 <= order <= 2.
 
     A true integrator stays in it for every order above zero, so that no steady-state error is left.
 
     Examples
     --------
-    >>> integral_reading(Band(1e-3, 1e3, 14), 1.0).integrator
+    >>> integral_weights(Band(1e-3, 1e3, 14), 1.0).integrator
     1.0
     """
     none = np.zeros(band.poles + 1)
     if order == 0.0:
-        return IntegralReading(0.0, none, 1.0)
+        return IntegralWeights(0.0, none, 1.0)
     if order < 1.0:
-        return IntegralReading(*_fit(band, order, integrator=True))
+        return IntegralWeights(*_fit(band, order, integrator=True))
     if order == 1.0:
-        return IntegralReading(1.0, none, 0.0)
+        return IntegralWeights(1.0, none, 0.0)
     # s^-order = 1/s * s^-(order-1), and 1/s * 1/(s+p) = (1/s - 1/(s+p)) / p
     _, lags, direct = _fit(band, order - 1.0, integrator=False)
     over_poles = lags / band.lag_poles()
-    return IntegralReading(float(over_poles.sum()) + direct, -over_poles, 0.0)
+    return IntegralWeights(float(over_poles.sum()) + direct, -over_poles, 0.0)
 
 
 @lru_cache(maxsize=256)
-def derivative_reading(band: Band, order: float) -> DerivativeReading:
+def derivative_weights(band: Band, order: float) -> DerivativeWeights:
     """The reading that makes s^order, with 0 <= order <= 2.
 
     Examples
     --------
-    >>> derivative_reading(Band(1e-3, 1e3, 14), 1.0).slope
+    >>> derivative_weights(Band(1e-3, 1e3, 14), 1.0).slope
     1.0
     """
     if order in (0.0, 1.0, 2.0):
-        return DerivativeReading(
+        return DerivativeWeights(
             np.zeros(band.poles + 1), float(order == 0.0), float(order == 1.0), float(order == 2.0)
         )
     if order < 1.0:
         # s * (c/s + sum w/(s+p) + d) = c + sum w s/(s+p) + d s
         c, w, d = _fit(band, 1.0 - order, integrator=True)
-        return DerivativeReading(w, c, d, 0.0)
+        return DerivativeWeights(w, c, d, 0.0)
     # s^2 * (c/s + sum w/(s+p) + d) = c s + sum w (s - p s/(s+p)) + d s^2
     c, w, d = _fit(band, 2.0 - order, integrator=True)
-    return DerivativeReading(-w * band.lag_poles(), 0.0, c + float(w.sum()), d)
+    return DerivativeWeights(-w * band.lag_poles(), 0.0, c + float(w.sum()), d)
 
 
 def _fit(band: Band, a: float, *, integrator: bool) -> tuple[float, Vector, float]:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from fopid_core.runtime.filter_bank import Band, DerivativeReading, IntegralReading, Vector
+from fopid_core.runtime.filter_bank import Band, DerivativeWeights, IntegralWeights, Vector
 
 Matrix = NDArray[np.float64]
 
@@ -47,10 +47,10 @@ class Operators:
 
     Examples
     --------
-    >>> from fopid_core.runtime.filter_bank import derivative_reading, integral_reading
+    >>> from fopid_core.runtime.filter_bank import derivative_weights, integral_weights
     >>> band = Band(1e-2, 1e2, 10)
     >>> operators = Operators(band, sample_time=0.5)
-    >>> operators.read_by(integral_reading(band, 1.0), derivative_reading(band, 1.0))
+    >>> operators.set_weights(integral_weights(band, 1.0), derivative_weights(band, 1.0))
     >>> operators.push(2.0, 3.0)
     [0.5, 6.0]
     """
@@ -64,7 +64,7 @@ class Operators:
         self.matrix[:n, :n], self.matrix[:n, -2] = integral[:, :n], integral[:, n]
         self.matrix[n:-3, n:-3], self.matrix[n:-3, -1] = derivative[:, :m], derivative[:, m]
         self._multiply: Callable[[Vector, Vector], object] = self.matrix.dot
-        self._readings = np.zeros((2, n + m))
+        self._weights = np.zeros((2, n + m))
         self._correction = np.zeros(n + m)
         self._now, self._next = np.zeros(n + m + 3), np.zeros(n + m + 3)
         self._outputs, self._next_outputs = self._now[-2:], self._next[-2:]
@@ -74,7 +74,7 @@ class Operators:
         """Forget everything: both signals have always been zero."""
         self._now[:] = 0.0
 
-    def take_over(self, other: Operators) -> float:
+    def copy_state(self, other: Operators) -> float:
         """Remember what another one with the same band does, with the filter at rest.
 
         Returns
@@ -87,21 +87,21 @@ class Operators:
         self._now[self.size - 1] = after
         return float(before - after)
 
-    def read_by(self, integral: IntegralReading, derivative: DerivativeReading) -> None:
+    def set_weights(self, integral: IntegralWeights, derivative: DerivativeWeights) -> None:
         """Read by these from now on; what is remembered stays."""
         n = self.integrated
-        self._readings[0, :n] = [*integral.lags, integral.integrator, integral.direct]
-        self._readings[1, n:-1] = [*derivative.washouts, derivative.direct, derivative.slope, derivative.curvature]
-        self.matrix[-2:] = self._readings @ self.matrix[: self.size]
+        self._weights[0, :n] = [*integral.lags, integral.integrator, integral.direct]
+        self._weights[1, n:-1] = [*derivative.washouts, derivative.direct, derivative.slope, derivative.curvature]
+        self.matrix[-2:] = self._weights @ self.matrix[: self.size]
 
-    def correct_by(self, correction: Vector) -> None:
+    def set_correction(self, correction: Vector) -> None:
         """What a unit of correction adds to what is remembered, shape (size,)."""
         self._correction = correction
         self.matrix[:, -3] = self.matrix[:, : self.size] @ correction
 
     def read(self) -> list[float]:
         """Integral and derivative now."""
-        return (self._readings @ self._now[: self.size]).tolist()  # type: ignore[no-any-return]
+        return (self._weights @ self._now[: self.size]).tolist()  # type: ignore[no-any-return]
 
     def correct(self, amount: float) -> None:
         """Correct what is remembered, without a tick."""
@@ -125,7 +125,7 @@ class Operators:
         """What the integral is one sample after a unit step."""
         n = self.integrated
         held = self.matrix[:n, n - 1] + self.matrix[:n, -2]
-        return float(self._readings[0, :n] @ held)
+        return float(self._weights[0, :n] @ held)
 
     def _sweep(self) -> None:
         """What has decayed to nothing becomes zero: numbers near 1e-308 would slow every product down."""

@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 
 @dataclass
-class Counts:
+class TickCounts:
     """What has happened since the node was configured."""
 
     ticks: int = 0
@@ -20,11 +20,11 @@ class Counts:
     saturated_ticks: int = 0
     refused_values: int = 0
     stamps_ahead: int = 0
-    times_backwards: int = 0
+    backward_time_jumps: int = 0
     controls_not_finite: int = 0
 
 
-class Monitor:
+class TickStatistics:
     """Counts at every tick, and what they came to since the last report.
 
     Parameters
@@ -36,10 +36,10 @@ class Monitor:
     """
 
     def __init__(self, sample_time: float, now_ns: int) -> None:
-        self.counts = Counts()
+        self.counts = TickCounts()
         self._sample_time = sample_time
         self._intervals: list[float] = []
-        self._before = Counts()
+        self._before = TickCounts()
         self._reported_ns = now_ns
 
     def tick(self, interval: float, *, saturated: bool, stale: bool) -> None:
@@ -51,10 +51,10 @@ class Monitor:
         if interval:
             self._intervals.append(interval)
 
-    def window(self, now_ns: int) -> tuple[Counts, dict[str, float]]:
+    def window(self, now_ns: int) -> tuple[TickCounts, dict[str, float]]:
         """Counts since the last call, and rate [1/s] and jitter [s] in between."""
         before, now = asdict(self._before), asdict(self.counts)
-        since = Counts(**{name: now[name] - before[name] for name in now})
+        since = TickCounts(**{name: now[name] - before[name] for name in now})
         rate = since.ticks / max(now_ns - self._reported_ns, 1) * 1e9
         jitter = max((abs(interval - self._sample_time) for interval in self._intervals), default=0.0)
         self._intervals.clear()
@@ -62,7 +62,7 @@ class Monitor:
         return since, {"rate [1/s]": rate, "jitter, largest [s]": jitter}
 
 
-def worries(since: Counts, *, ticking: bool) -> list[tuple[bytes, str]]:
+def health_problems(since: TickCounts, *, ticking: bool) -> list[tuple[bytes, str]]:
     """What the counts of a second give to worry about, with the level of each.
 
     ``ticking`` says whether ticks were to be expected.
@@ -79,7 +79,7 @@ def worries(since: Counts, *, ticking: bool) -> list[tuple[bytes, str]]:
         found.append((warn, f"{since.refused_values} values refused"))
     if since.stamps_ahead:
         found.append((warn, f"{since.stamps_ahead} of them stamped ahead of this node's clock"))
-    if since.times_backwards:
+    if since.backward_time_jumps:
         found.append((warn, "time ran backwards"))
     if since.ticks and since.saturated_ticks == since.ticks:
         found.append((warn, "the control is at a limit all the time"))
@@ -89,7 +89,7 @@ def worries(since: Counts, *, ticking: bool) -> list[tuple[bytes, str]]:
 def diagnostic_status(
     name: str, state: str, found: Sequence[tuple[bytes, str]], facts: Mapping[str, object]
 ) -> DiagnosticStatus:
-    """One status: the worst level, all worries in words (``state`` if there are none), the facts as texts."""
+    """One status: the worst level, all problems in words (``state`` if there are none), the facts as texts."""
     return DiagnosticStatus(
         name=name,
         hardware_id="fopid",
@@ -107,7 +107,7 @@ def diagnostic_array(status: DiagnosticStatus, node: Node) -> DiagnosticArray:
     return message
 
 
-def several_publishers(node: Node, topics: Sequence[str]) -> dict[str, list[str]]:
+def conflicting_publishers(node: Node, topics: Sequence[str]) -> dict[str, list[str]]:
     """Topics that more than one node publishes, and the names of these nodes.
 
     A topic is left out while the name of one of its publishers is not known yet.
@@ -152,7 +152,7 @@ class Rivalry:
         return level
 
 
-class Rivals:
+class PublisherConflicts:
     """Watches for topics that more than one node publishes: new ones are logged, once.
 
     Parameters
@@ -168,14 +168,14 @@ class Rivals:
 
     def found(self) -> list[Rivalry]:
         """The topics that are published by several just now."""
-        now, rivals = time.monotonic(), several_publishers(self._node, self._topics)
-        self._since = {topic: self._since.get(topic, now) for topic in rivals}
+        now, conflicts = time.monotonic(), conflicting_publishers(self._node, self._topics)
+        self._since = {topic: self._since.get(topic, now) for topic in conflicts}
         told = []
-        for topic, names in rivals.items():
+        for topic, names in conflicts.items():
             sure = len(set(names)) > 1 or now - self._since[topic] > LEASE
             text = f"{topic} is published by {' and '.join(names)}"
             told.append(Rivalry(topic, text if sure else f"{text}: started anew, or twice", sure))
             if self._known.get(topic) != names:
                 self._node.get_logger().warning(f"{text}: the newest message counts, whoever sent it")
-        self._known = rivals
+        self._known = conflicts
         return told

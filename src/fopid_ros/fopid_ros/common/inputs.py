@@ -24,7 +24,7 @@ class Input:
     Attributes
     ----------
     value : float
-    arrived_ns : int
+    received_ns : int
         When its newest value came, on the clock of the ticks.
     timeout_ns : float
         Age at which it is too old; infinite for never.
@@ -47,7 +47,7 @@ class Input:
 
     def __init__(self, name: str, value: float = math.nan) -> None:
         self.name, self.value = name, value
-        self.arrived_ns = 0
+        self.received_ns = 0
         self.timeout_ns = math.inf
         self.came = False
         self.refused = 0
@@ -62,24 +62,24 @@ class Input:
         if not is_number(value):
             self.refused += 1
             return False
-        self.value, self.arrived_ns, self.came = value, now_ns, True
+        self.value, self.received_ns, self.came = value, now_ns, True
         return True
 
     def usable(self, now_ns: int) -> bool:
         """Whether there is a value that is not too old."""
-        return now_ns - self.arrived_ns <= self.timeout_ns and not math.isnan(self.value)
+        return now_ns - self.received_ns <= self.timeout_ns and not math.isnan(self.value)
 
     def stale(self, now_ns: int) -> bool:
         """Whether a value came, and is too old now."""
-        return self.came and now_ns - self.arrived_ns > self.timeout_ns
+        return self.came and now_ns - self.received_ns > self.timeout_ns
 
     def faded(self, now_ns: int) -> float:
         """The value while it is not too old; then it goes to 0 in a straight line, within another timeout."""
-        too_old = now_ns - self.arrived_ns - self.timeout_ns
+        too_old = now_ns - self.received_ns - self.timeout_ns
         if too_old <= 0:
             return self.value
         return self.value * max(0.0, 1.0 - too_old / self.timeout_ns)
 
     def age(self, now_ns: int) -> float:
         """Time since the newest good value came [s]; NaN before the first."""
-        return (now_ns - self.arrived_ns) * 1e-9 if self.came else math.nan
+        return (now_ns - self.received_ns) * 1e-9 if self.came else math.nan

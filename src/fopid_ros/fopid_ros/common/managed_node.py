@@ -66,7 +66,7 @@ def latched_qos(depth: int = 1) -> QoSProfile:
     return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def take_waiting(subscription: Subscription) -> None:
+def take_pending_messages(subscription: Subscription) -> None:
     """Deliver the messages that have arrived but whose callback has not run yet."""
     take = subscription.handle.take_message
     while (taken := take(subscription.msg_type, False)) is not None:
@@ -98,7 +98,7 @@ class ManagedNode(LifecycleNode):
         self.configured = False
         self.last_rejected = ""
         self._not_configured = ""
-        self._survive_wrong_transitions()
+        self._tolerate_invalid_transitions()
         self._set_requests_whole()
         try:
             declare(self, self._specs)
@@ -188,7 +188,7 @@ class ManagedNode(LifecycleNode):
         self.configured = False
         self.endpoints.close()
 
-    def _survive_wrong_transitions(self) -> None:
+    def _tolerate_invalid_transitions(self) -> None:
         """A transition that the present state does not allow is answered with success = false."""
         answer = self._service_change_state.callback
 
@@ -330,7 +330,7 @@ def _spin_until(stop: threading.Event, node: ManagedNode, executor: Executor) ->
         raise failure[0]
 
 
-def _wait(stop: threading.Event, on_clock_set_back: Callable[[], object]) -> None:
+def _wait(stop: threading.Event, on_time_jump_back: Callable[[], object]) -> None:
     """Wait for ``stop``, with an eye on the system clock.
 
     The timers of rclpy's wheels sleep until an instant of the system clock, even those of a steady clock: when it
@@ -340,4 +340,4 @@ def _wait(stop: threading.Event, on_clock_set_back: Callable[[], object]) -> Non
     while not stop.wait(CLOCK_WATCH_PERIOD):
         before, offset = offset, time.time() - time.monotonic()
         if offset < before - CLOCK_WATCH_PERIOD:
-            on_clock_set_back()
+            on_time_jump_back()

@@ -8,10 +8,10 @@ from typing import Any
 
 from rclpy.subscription import Subscription
 
-from fopid_ros.common.ahead import Ahead
-from fopid_ros.common.diagnostics import Counts
+from fopid_ros.common.diagnostics import TickCounts
 from fopid_ros.common.inputs import Input
-from fopid_ros.common.managed_node import ManagedNode, loop_qos, take_waiting
+from fopid_ros.common.managed_node import ManagedNode, loop_qos, take_pending_messages
+from fopid_ros.common.pending_values import PendingValues
 from fopid_ros.common.signals import SignalType
 
 AUTOMATIC = -1.0
@@ -54,7 +54,7 @@ class LoopInputs:
         Its parameters.
     types : mapping
         How each signal travels, by name.
-    counts : Counts
+    counts : TickCounts
         Where refusals are counted.
     now : callable
         The time by which inputs age [ns].
@@ -67,7 +67,7 @@ class LoopInputs:
     """
 
     def __init__(
-        self, node: ManagedNode, values: Mapping[str, Any], types: Mapping[str, SignalType], counts: Counts,
+        self, node: ManagedNode, values: Mapping[str, Any], types: Mapping[str, SignalType], counts: TickCounts,
         now: Callable[[], int], setpoint: float,
     ) -> None:  # fmt: skip
         self._node, self._types, self._counts, self._now = node, types, counts, now
@@ -77,9 +77,9 @@ class LoopInputs:
         self.feedforward, self.manual = Input("feedforward", 0.0), Input("manual_control")
         self.tracking = Input("tracking")
         self.all = (self.setpoint, self.measurement, self.feedforward, self.manual, self.tracking)
-        self.setpoint.arrived_ns = now()
+        self.setpoint.received_ns = now()
         self._newest_stamp: int | None = None
-        self._ahead: list[tuple[Input, Ahead]] = []
+        self._pending: list[tuple[Input, PendingValues]] = []
         self._subscriptions: list[Subscription] = []
         self.take_settings(values)
 
@@ -95,16 +95,16 @@ class LoopInputs:
     def listen(self, *, tracking: bool) -> None:
         """Subscribe to all but the measurement; in lockstep what has come before a measurement counts for its tick."""
         for one in (self.setpoint, self.feedforward, self.manual, *([self.tracking] if tracking else [])):
-            ahead = Ahead()
-            self._ahead.append((one, ahead))
+            ahead = PendingValues()
+            self._pending.append((one, ahead))
             self._subscriptions.append(self._listen(one, ahead))
 
-    def _listen(self, one: Input, ahead: Ahead) -> Subscription:
+    def _listen(self, one: Input, ahead: PendingValues) -> Subscription:
         kind, lockstep = self._types[one.name], self._lockstep
 
         def arrived(message: Any) -> None:
             value, stamp = kind.read(message), kind.stamp_ns(message)
-            if lockstep and ahead.waits(stamp, value):
+            if lockstep and ahead.defer(stamp, value):
                 return
             if lockstep or not self._comes_from_the_future(one, stamp):
                 self.take(one, value, self._now())
@@ -118,13 +118,13 @@ class LoopInputs:
     def begin_anew(self, now_ns: int) -> None:
         """Time has jumped: what is there counts as new."""
         for one in self.all:
-            one.arrived_ns = now_ns
+            one.received_ns = now_ns
 
     def take_due(self, stamp_ns: int) -> None:
         """In lockstep: everything that counts from this sample on."""
         for subscription in self._subscriptions:
-            take_waiting(subscription)
-        for one, ahead in self._ahead:
+            take_pending_messages(subscription)
+        for one, ahead in self._pending:
             for value in ahead.due(stamp_ns):
                 self.take(one, value, stamp_ns)
 
@@ -148,7 +148,7 @@ class LoopInputs:
                 self.warn_backwards("the measurement's stamp", "the sample is refused")
                 return
             if stamp == before:  # the same sample again is as old as it was
-                now = one.arrived_ns
+                now = one.received_ns
         self.take(one, kind.read(message), now)
 
     def _comes_from_the_future(self, one: Input, stamp_ns: int | None) -> bool:
@@ -171,7 +171,7 @@ class LoopInputs:
 
     def warn_backwards(self, what: str, consequence: str) -> None:
         """Count and tell that a time has run backwards."""
-        self._counts.times_backwards += 1
+        self._counts.backward_time_jumps += 1
         self._node.get_logger().warning(f"{what} ran backwards: {consequence}", throttle_duration_sec=1.0)
 
     def lacking(self, now_ns: int, mode: str) -> list[Input]:

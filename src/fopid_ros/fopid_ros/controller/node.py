@@ -19,7 +19,13 @@ from std_srvs.srv import SetBool, Trigger
 
 from fopid_core.runtime.controller import FopidController
 from fopid_msgs.msg import FopidState
-from fopid_ros.common.diagnostics import Monitor, Rivals, diagnostic_array, diagnostic_status, worries
+from fopid_ros.common.diagnostics import (
+    PublisherConflicts,
+    TickStatistics,
+    diagnostic_array,
+    diagnostic_status,
+    health_problems,
+)
 from fopid_ros.common.inputs import Input, is_number
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run
 from fopid_ros.common.parameter_file import write_parameter_file
@@ -61,19 +67,19 @@ class ControllerNode(ManagedNode):
         self._controller.set_mode(values["mode"])
         self._lockstep = values["trigger"] == "lockstep"
         self._period_ns = round(values["sample_time"] * NS)
-        self._lacking: list[Input] = []
+        self._unusable: list[Input] = []
         self._dropped: list[Input] = []
-        self._monitor = Monitor(values["sample_time"], time.monotonic_ns())
+        self._statistics = TickStatistics(values["sample_time"], time.monotonic_ns())
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._tick_clock, self._now = self._time_of_ticks()
-        counts = self._monitor.counts
+        counts = self._statistics.counts
         self._inputs = LoopInputs(self, values, types, counts, self._now, initial_setpoint(values))
         self._interval = 0.0
         self._control = values["safe_control"]
-        self._rivals = Rivals(self, SIGNALS)
+        self._publisher_conflicts = PublisherConflicts(self, SIGNALS)
         self._contested_topics: list[str] = []
         self._state = FopidState()
-        self._take_settings()
+        self._update_cached_settings()
         self._open_topics(types)
         self._open_services()
 
@@ -91,7 +97,8 @@ class ControllerNode(ManagedNode):
         self._inputs.listen(tracking=self._values["tracking.enabled"])
         endpoints.subscription(
             types["measurement"].message_type, "measurement",
-            self._answer if lockstep else self._inputs.take_measurement, loop_qos(lockstep=lockstep, reliable=False),
+            self._lockstep_tick if lockstep else self._inputs.take_measurement,
+            loop_qos(lockstep=lockstep, reliable=False),
         )  # fmt: skip
         self._write = types["control"].writer()
         self._control_publisher = endpoints.publisher(
@@ -117,9 +124,9 @@ class ControllerNode(ManagedNode):
         self._controller.reconfigure(controller_settings(values, self._types["control"]))
         if values["mode"] != mode_before:
             self._controller.set_mode(values["mode"])
-        self._take_settings()
+        self._update_cached_settings()
 
-    def _take_settings(self) -> None:
+    def _update_cached_settings(self) -> None:
         self._inputs.take_settings(self._values)
         message, gains = self._state, self._controller.settings.gains
         message.kp, message.ki, message.kd, message.lam, message.mu = gains.gains
@@ -138,14 +145,14 @@ class ControllerNode(ManagedNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._leave_active()
+        self._stop_control()
         return super().on_deactivate(state)
 
     def _release(self) -> None:
-        self._leave_active()
+        self._stop_control()
         super()._release()
 
-    def _leave_active(self) -> None:
+    def _stop_control(self) -> None:
         """Publish the safe control and tick no more."""
         if not self._active:
             return
@@ -158,7 +165,7 @@ class ControllerNode(ManagedNode):
 
     # Ticks.
 
-    def _answer(self, message: Any) -> None:
+    def _lockstep_tick(self, message: Any) -> None:
         """In lockstep: each measurement is answered by one control with the same stamp."""
         kind = self._types["measurement"]
         stamp = kind.stamp_ns(message)
@@ -184,7 +191,7 @@ class ControllerNode(ManagedNode):
         before, self._last_tick = self._last_tick, now_ns
         if before is not None and now_ns >= before:
             self._interval = (now_ns - before) * 1e-9
-            self._monitor.counts.late_ticks += max(0, round((now_ns - before) / self._period_ns) - 1)
+            self._statistics.counts.late_ticks += max(0, round((now_ns - before) / self._period_ns) - 1)
             return
         self._interval = 0.0
         if before is not None:
@@ -195,15 +202,15 @@ class ControllerNode(ManagedNode):
 
     def _tick(self, stamp_ns: int, now_ns: int) -> None:
         inputs, mode = self._inputs, self._controller.state.mode
-        lacking, dropped = inputs.lacking(now_ns, mode), inputs.dropped(now_ns)
-        if (lacking, dropped) != (self._lacking, self._dropped):
-            self._tell(lacking, dropped)
-        control = self._substitute(now_ns) if lacking or self._contested else self._step(now_ns)
-        self._control = control = control if is_number(control) else self._start_over(control)
+        unusable, dropped = inputs.unusable(now_ns, mode), inputs.dropped(now_ns)
+        if (unusable, dropped) != (self._unusable, self._dropped):
+            self._log_input_state(unusable, dropped)
+        control = self._fallback_control(now_ns) if unusable or self._contested else self._step(now_ns)
+        self._control = control = control if is_number(control) else self._recover_from_nonfinite(control)
         state = self._controller.state
-        self._monitor.tick(self._interval, saturated=state.saturated, stale=bool(lacking))
+        self._statistics.tick(self._interval, saturated=state.saturated, stale=bool(unusable))
         self.publish_control(control, stamp_ns)
-        waiting = bool(lacking) and self._waiting
+        waiting = bool(unusable) and self._awaiting_first_input
         if not waiting or state.mode == "manual":
             self._publish_state(stamp_ns, now_ns, waiting=waiting)
 
@@ -218,15 +225,15 @@ class ControllerNode(ManagedNode):
             inputs.tracking.value if inputs.tracking.usable(now_ns) else None,
         )  # fmt: skip
 
-    def _substitute(self, now_ns: int) -> float:
+    def _fallback_control(self, now_ns: int) -> float:
         """The control while an input is stale, contested, or has never come."""
         controller, safe = self._controller, self._values["safe_control"]
         manual = self._inputs.manual.value if self._inputs.manual.usable(now_ns) else None
         if self._contested:
             return controller.hold(safe)
-        if controller.state.mode == "manual" and self._inputs.manual not in self._lacking:
+        if controller.state.mode == "manual" and self._inputs.manual not in self._unusable:
             return controller.hold(manual)
-        if self._waiting:
+        if self._awaiting_first_input:
             return controller.state.control
         return controller.hold({"hold": None, "safe": safe, "manual": manual}[self._values["on_stale"]])
 
@@ -239,13 +246,13 @@ class ControllerNode(ManagedNode):
         return any((topic == "manual_control") == manual for topic in self._contested_topics)
 
     @property
-    def _waiting(self) -> bool:
+    def _awaiting_first_input(self) -> bool:
         """Whether setpoint or measurement has never come."""
-        return any(one.missing for one in self._lacking)
+        return any(one.missing for one in self._unusable)
 
-    def _start_over(self, control: float) -> float:
+    def _recover_from_nonfinite(self, control: float) -> float:
         """Gains times signals beyond what a number can hold: the safe control, and a controller as new."""
-        self._monitor.counts.controls_not_finite += 1
+        self._statistics.counts.controls_not_finite += 1
         self.get_logger().error(f"control = {control}: the controller starts anew", throttle_duration_sec=1.0)
         self._controller.reset()
         return self._controller.state.control
@@ -265,34 +272,36 @@ class ControllerNode(ManagedNode):
         message.control_unlimited, message.control = state.control_unlimited, state.control
         message.saturated = state.saturated
         message.mode = FopidState.AUTO if state.mode == "auto" else FopidState.MANUAL
-        message.sample_interval, message.overruns = self._interval, self._monitor.counts.late_ticks
-        message.stale, message.measurement_age = bool(self._lacking), self._inputs.measurement.age(now_ns)
-        message.tracking, message.refused = self._inputs.tracking.value, self._monitor.counts.refused_values
+        message.sample_interval, message.overruns = self._interval, self._statistics.counts.late_ticks
+        message.stale, message.measurement_age = bool(self._unusable), self._inputs.measurement.age(now_ns)
+        message.tracking, message.refused = self._inputs.tracking.value, self._statistics.counts.refused_values
         self._state_publisher.publish(message)
 
     # What people are told.
 
-    def _tell(self, lacking: list[Input], dropped: list[Input]) -> None:
+    def _log_input_state(self, unusable: list[Input], dropped: list[Input]) -> None:
         """Log what has changed."""
         for one in dropped:
             if one not in self._dropped:
                 self.get_logger().warning(f"{one.name} stale: the loop goes on without it")
-        before, self._lacking, self._dropped = self._lacking, lacking, dropped
-        names = " and ".join(one.name for one in lacking)
-        if lacking == before:
+        before, self._unusable, self._dropped = self._unusable, unusable, dropped
+        names = " and ".join(one.name for one in unusable)
+        if unusable == before:
             return
-        if not lacking:
+        if not unusable:
             self.get_logger().info("setpoint and measurement are there")
-        elif self._waiting:
+        elif self._awaiting_first_input:
             self.get_logger().info(f"waiting for {names}")
         else:
             self.get_logger().error(f"{names} stale; on_stale = {self._values['on_stale']}")
 
     def _publish_diagnostics(self) -> None:
-        since, rates = self._monitor.window(time.monotonic_ns())
-        found = self._lacks() + worries(since, ticking=self._active and not self._lockstep) + self._disputes()
+        since, rates = self._statistics.window(time.monotonic_ns())
+        found = self._lacks() + health_problems(since, ticking=self._active and not self._lockstep) + self._disputes()
         state = self._controller.state.mode if self._active else "inactive"
-        status = diagnostic_status(self.get_fully_qualified_name(), state, found, {**rates, **self._facts()})
+        status = diagnostic_status(
+            self.get_fully_qualified_name(), state, found, {**rates, **self._diagnostic_values()}
+        )
         self._diagnostics.publish(diagnostic_array(status, self))
 
     def _lacks(self) -> list[tuple[bytes, str]]:
@@ -300,27 +309,27 @@ class ControllerNode(ManagedNode):
         if not self._active:
             return []
         found = [(DiagnosticStatus.WARN, f"{one.name} stale: the loop goes on without it") for one in self._dropped]
-        if self._lacking:
-            level = DiagnosticStatus.WARN if self._waiting else DiagnosticStatus.ERROR
-            names = " and ".join(one.name for one in self._lacking)
-            found.insert(0, (level, f"waiting for {names}" if self._waiting else f"{names} stale"))
+        if self._unusable:
+            level = DiagnosticStatus.WARN if self._awaiting_first_input else DiagnosticStatus.ERROR
+            names = " and ".join(one.name for one in self._unusable)
+            found.insert(0, (level, f"waiting for {names}" if self._awaiting_first_input else f"{names} stale"))
         return found
 
     def _disputes(self) -> list[tuple[bytes, str]]:
         """Topics with more than one publisher."""
-        rivalries = self._rivals.found()
+        rivalries = self._publisher_conflicts.check()
         self._contested_topics = [one.topic for one in rivalries if one.sure and one.topic != "control"]
         return [(one.level, one.text) for one in rivalries]
 
-    def _facts(self) -> dict[str, object]:
-        counts, now = self._monitor.counts, self._now()
+    def _diagnostic_values(self) -> dict[str, object]:
+        counts, now = self._statistics.counts, self._now()
         return {
             "mode": self._controller.state.mode,
             "ticks": counts.ticks, "overruns": counts.late_ticks, "stale ticks": counts.stale_ticks,
             **self._inputs.facts(now),
             "non-finite inputs refused": counts.refused_values - counts.stamps_ahead,
             "stamps ahead of this clock refused": counts.stamps_ahead,
-            "time ran backwards": counts.times_backwards,
+            "time ran backwards": counts.backward_time_jumps,
             "share of saturated ticks": counts.saturated_ticks / max(1, counts.ticks),
             "last rejected parameter set": self.last_rejected or "none",
         }  # fmt: skip

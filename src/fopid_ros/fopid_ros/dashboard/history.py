@@ -39,7 +39,7 @@ def thinned(rows: Sequence[Row]) -> list[Row]:
 
 
 @dataclass(frozen=True)
-class Place:
+class Cursor:
     """How far a reader has read.
 
     Attributes
@@ -99,9 +99,9 @@ class History:
         self._rows.extend(rows)
         self._settled += len(rows)
 
-    def since(self, place: Place) -> tuple[list[Row], Place]:
+    def since(self, place: Cursor) -> tuple[list[Row], Cursor]:
         """The rows that a reader has not read and are still kept, and where it stands then."""
         read = place.rows if place.record == self._record else 0
         first_kept = self._settled - len(self._rows)
         rows = list(islice(self._rows, max(0, read - first_kept), None))
-        return rows, Place(self._record, self._settled)
+        return rows, Cursor(self._record, self._settled)

@@ -22,19 +22,19 @@ from fopid_ros.common.managed_node import latched_qos
 from fopid_ros.common.parameters import Spec, declare
 from fopid_ros.common.signals import SignalType, signal_specs
 from fopid_ros.dashboard.history import History
-from fopid_ros.dashboard.remote import LOOK_AGAIN, RefusedError, Remote, answer
+from fopid_ros.dashboard.remote_parameters import LOOK_AGAIN, RefusedError, RemoteParameters, answer
 from fopid_ros.dashboard.undo import Undo
 
 GAINS = ("kp", "ki", "kd", "lam", "mu")
 TUNER_DEFAULTS = ("process", "method", "phase_margin", "crossover", "index", "ms_max", "u_max")
 TUNING_FIELDS = (*TUNER_DEFAULTS, "apply")
-HEARD = ("setpoint", "measurement", "control")
-SPOKEN = ("setpoint", "manual_control")
+SUBSCRIBED = ("setpoint", "measurement", "control")
+PUBLISHED = ("setpoint", "manual_control")
 
 SPECS = (
     Spec("controller", "fopid_controller", "node name of the controller", read_only=True),
     Spec("tuner", "fopid_tuner", "node name of the tuner", read_only=True),
-    *(spec for name in (*HEARD, "manual_control") for spec in signal_specs(name)),
+    *(spec for name in (*SUBSCRIBED, "manual_control") for spec in signal_specs(name)),
 )
 
 KEPT_ROWS = 12_000  # two minutes at 100 Hz
@@ -68,7 +68,7 @@ class DashboardNode(Node):
         declare(self, {spec.name: spec for spec in SPECS})
         self.history = History(KEPT_ROWS)
         self._undo = Undo()
-        self._latest = dict.fromkeys(HEARD, math.nan)
+        self._latest = dict.fromkeys(SUBSCRIBED, math.nan)
         self._facts: dict[str, Any] | None = None
         self._gains_in_use: list[float] | None = None
         self._marks: deque[float] = deque(maxlen=MOST_MARKS)
@@ -76,17 +76,17 @@ class DashboardNode(Node):
         self._result: dict[str, Any] | None = None
         self._tuning_since: float | None = None
         names = {name: self.get_parameter(name).value for name in ("controller", "tuner")}
-        self.controller = Remote(self, names["controller"], (*GAINS, "mode"), self._on_parameters)
-        self.tuner = Remote(self, names["tuner"], TUNER_DEFAULTS)
+        self.controller = RemoteParameters(self, names["controller"], (*GAINS, "mode"), self._on_parameters)
+        self.tuner = RemoteParameters(self, names["tuner"], TUNER_DEFAULTS)
         self._tune = self.create_client(Tune, f"{names['tuner']}/tune")
         self.create_subscription(FopidState, f"{names['controller']}/state", self._on_state, LISTENING)
         self.create_subscription(TuningResult, f"{names['tuner']}/result", self._on_result, latched_qos())
         self._open_signals()
 
     def _open_signals(self) -> None:
-        self._kinds = {name: self._signal_type(name) for name in (*HEARD, "manual_control")}
+        self._kinds = {name: self._signal_type(name) for name in (*SUBSCRIBED, "manual_control")}
         self._heard: list[Subscription] = []
-        self._speakers: dict[str, Publisher] = {}
+        self._signal_publishers: dict[str, Publisher] = {}
 
     def _signal_type(self, name: str) -> SignalType:
         return SignalType(self.get_parameter(f"{name}.type").value, self.get_parameter(f"{name}.field").value, name)
@@ -118,15 +118,15 @@ class DashboardNode(Node):
         """Read the loop's own topics only while no ~/state comes: each reader costs their publishers time."""
         if self._silent and not self._heard:
             self._heard = [
-                self.create_subscription(self._kinds[name].message_type, name, self._listener(name), LISTENING)
-                for name in HEARD
+                self.create_subscription(self._kinds[name].message_type, name, self._subscribe(name), LISTENING)
+                for name in SUBSCRIBED
             ]
         elif not self._silent:
             for subscription in self._heard:
                 self.destroy_subscription(subscription)
             self._heard = []
 
-    def _listener(self, name: str) -> Callable[[Any], None]:
+    def _subscribe(self, name: str) -> Callable[[Any], None]:
         kind = self._kinds[name]
 
         def heard(message: Any) -> None:
@@ -138,7 +138,7 @@ class DashboardNode(Node):
         return heard
 
     def _on_parameters(self, values: Mapping[str, Any]) -> None:
-        self._undo.see({name: values[name] for name in GAINS if name in values})
+        self._undo.record({name: values[name] for name in GAINS if name in values})
 
     def _on_result(self, result: TuningResult) -> None:
         achieved = result.achieved
@@ -175,7 +175,7 @@ class DashboardNode(Node):
         """Keep an eye on controller, tuner and topics until cancelled."""
         while True:
             self._listen_while_silent()
-            await asyncio.gather(self.controller.look(), self.tuner.look())
+            await asyncio.gather(self.controller.poll(), self.tuner.poll())
             await asyncio.sleep(LOOK_PERIOD)
 
     # What is done.
@@ -236,7 +236,7 @@ class DashboardNode(Node):
             raise RefusedError(response.message)
         return str(response.message)
 
-    async def say(self, name: str, value: Any) -> str:
+    async def publish_signal(self, name: str, value: Any) -> str:
         """Publish a setpoint or a control by hand.
 
         Raises
@@ -244,20 +244,20 @@ class DashboardNode(Node):
         InputError
             For another signal, and for what is not a number that its message can hold.
         """
-        if name not in SPOKEN:
-            raise InputError(f"signal = {name!r}; allowed: {', '.join(SPOKEN)}")
+        if name not in PUBLISHED:
+            raise InputError(f"signal = {name!r}; allowed: {', '.join(PUBLISHED)}")
         number, kind = _number(name, value), self._kinds[name]
         if not kind.low <= number <= kind.high:
             raise InputError(f"{name} = {value}; allowed: {kind.low:g} to {kind.high:g}")
-        speaker = await self._speaker(name)
+        speaker = await self._publisher_of(name)
         speaker.publish(kind.writer()(number, self.get_clock().now().nanoseconds))
         return f"{name} = {number:.6g}"
 
-    async def _speaker(self, name: str) -> Publisher:
+    async def _publisher_of(self, name: str) -> Publisher:
         """The publisher of a signal, made when it is first needed: who only looks is no source of setpoints."""
-        if name not in self._speakers:
-            self._speakers[name] = self.create_publisher(self._kinds[name].message_type, name, latched_qos())
-        speaker, deadline = self._speakers[name], time.monotonic() + MEETING_TIME
+        if name not in self._signal_publishers:
+            self._signal_publishers[name] = self.create_publisher(self._kinds[name].message_type, name, latched_qos())
+        speaker, deadline = self._signal_publishers[name], time.monotonic() + MEETING_TIME
         while not speaker.get_subscription_count() and time.monotonic() < deadline:
             await asyncio.sleep(LOOK_AGAIN)
         return speaker

@@ -18,10 +18,10 @@ class Undo:
     --------
     >>> undo = Undo()
     >>> for kp in (1.0, 2.0, 3.0):
-    ...     undo.see({"kp": kp})
+    ...     undo.record({"kp": kp})
     >>> undo.previous
     {'kp': 2.0}
-    >>> undo.see(undo.previous)
+    >>> undo.record(undo.previous)
     >>> undo.previous
     {'kp': 1.0}
     """
@@ -35,7 +35,7 @@ class Undo:
         """What to go back to; None when nothing came before."""
         return self._before[-1] if self._before else None
 
-    def see(self, gains: Gains) -> None:
+    def record(self, gains: Gains) -> None:
         """Take note of the gains that run now."""
         if gains == self._present:
             return

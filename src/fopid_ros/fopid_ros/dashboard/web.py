@@ -20,9 +20,9 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from fopid_core.errors import InputError
 from fopid_ros.dashboard.access import Access
-from fopid_ros.dashboard.history import Place, Row
+from fopid_ros.dashboard.history import Cursor, Row
 from fopid_ros.dashboard.node import DashboardNode
-from fopid_ros.dashboard.remote import RefusedError
+from fopid_ros.dashboard.remote_parameters import RefusedError
 
 PERIOD = 0.05
 """Time between two messages to a browser [s]."""
@@ -129,7 +129,7 @@ class LiveHandler(Guarded, WebSocketHandler):
 
     async def _feed(self) -> None:
         node: DashboardNode = self.settings["node"]
-        place, told = Place(), None
+        place, told = Cursor(), None
         while True:
             rows, now = node.history.since(place)
             message: dict[str, Any] = {"rows": _plain(rows), "fresh": now.record != place.record}
@@ -159,7 +159,7 @@ def application(node: DashboardNode, access: Access) -> Application:
         return "the token is right"
 
     async def say(fields: Mapping[str, Any]) -> str:
-        return await node.say(str(fields.get("signal")), fields.get("value"))
+        return await node.publish_signal(str(fields.get("signal")), fields.get("value"))
 
     async def roll_back(_: Mapping[str, Any]) -> str:
         return await node.roll_back()

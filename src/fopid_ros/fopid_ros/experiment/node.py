@@ -38,7 +38,7 @@ STALL_TIME = 10.0  # lockstep without progress for this long has stalled [s]
 TUNING_TIME = 120.0  # how long a tuning may take [s]
 ANSWER_TIME = 30.0  # how long a node may take to answer [s]
 ASK_AGAIN = 2.0  # the first answer is lost when a node does not know the asking client yet [s]
-AHEAD = LOCKSTEP_DEPTH // 2
+LOOKAHEAD = LOCKSTEP_DEPTH // 2
 """Values of a profile that are sent ahead at once; each end of the topic has room for more."""
 
 NS = 1_000_000_000
@@ -153,7 +153,7 @@ class ExperimentNode(Node):
             "no plant answers: nobody publishes 'measurement'; start plant_simulator, or give --start-nodes":
                 lambda: self.count_publishers("measurement") > 0,
             "no controller to talk to: nobody publishes 'control'; start fopid_controller, or give --start-nodes":
-                lambda: self.count_publishers("control") > 0 and self._setpoint_is_heard(),
+                lambda: self.count_publishers("control") > 0 and self._setpoint_is_subscribed(),
         }  # fmt: skip
         if self.lockstep:
             wanted["the plant is not in lockstep: no service plant_simulator/advance"] = self._advance.service_is_ready
@@ -168,9 +168,9 @@ class ExperimentNode(Node):
         refuse_other_loops(self, allowed=1)
         if self.lockstep:
             for node, parameter in (("plant_simulator", "advance_until"), ("fopid_controller", "bumpless")):
-                self._make_heard(node, parameter)
+                self._await_recorder_matched(node, parameter)
 
-    def _make_heard(self, node: str, parameter: str) -> None:
+    def _await_recorder_matched(self, node: str, parameter: str) -> None:
         """Wait until a node knows of the recorder's subscriptions, so that nothing it publishes is missed.
 
         A node learns of subscriptions in the order in which they were made: when its parameter event comes in
@@ -193,7 +193,7 @@ class ExperimentNode(Node):
                 raise InputError(f"{node} does not see who records within {DISCOVERY_TIME:g} s")
         self.destroy_subscription(last)
 
-    def _setpoint_is_heard(self) -> bool:
+    def _setpoint_is_subscribed(self) -> bool:
         """By anybody else than this node's own recorder."""
         return self._sources["setpoint"].get_subscription_count() > ("setpoint" in self.experiment.recorded)
 
@@ -234,14 +234,14 @@ class ExperimentNode(Node):
             self._run_realtime(end, progress)
             return
         while first < end:
-            stop = self._send_ahead(first, end)
+            stop = self._publish_lookahead(first, end)
             self._advance_until(stop, progress)
             first = stop
 
-    def _send_ahead(self, first: int, end: int) -> int:
+    def _publish_lookahead(self, first: int, end: int) -> int:
         """Publish the values that change from ``first`` on; the sample up to which that is done."""
         changes = {name: at[(at >= first) & (at < end)] for name, at in self._changes.items()}
-        stop = min([end, *(int(at[AHEAD]) for at in changes.values() if len(at) > AHEAD)])
+        stop = min([end, *(int(at[LOOKAHEAD]) for at in changes.values() if len(at) > LOOKAHEAD)])
         for name, at in changes.items():
             publisher = self._sources[name]
             for sample in at[at < stop].tolist():

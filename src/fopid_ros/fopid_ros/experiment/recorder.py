@@ -28,7 +28,7 @@ from rosbags.interfaces import (
 from rosbags.typesys import get_types_from_msg
 
 from fopid_core.errors import InputError
-from fopid_core.study.bags.bag import SIMULATED_BELOW
+from fopid_core.study.bags.bag import SIM_TIME_LIMIT_NS
 from fopid_core.study.bags.rosbag2 import Topic, join_definitions
 from fopid_core.study.bags.writer import BagWriter
 
@@ -131,7 +131,7 @@ class Recorder:
 
     def _record(self, topic: str, stamp: Callable[[bytes], int], data: bytes) -> None:
         log_time = stamp(data)
-        if log_time <= 0 or (log_time >= SIMULATED_BELOW and self._simulated):
+        if log_time <= 0 or (log_time >= SIM_TIME_LIMIT_NS and self._simulated):
             log_time = self._node.get_clock().now().nanoseconds
         with self._lock:
             if self._bag.closed:

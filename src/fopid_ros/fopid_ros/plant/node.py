@@ -20,9 +20,9 @@ from std_srvs.srv import Trigger
 from fopid_core.model.process import read_process
 from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_msgs.srv import Advance
-from fopid_ros.common.ahead import Ahead
-from fopid_ros.common.managed_node import TIMING, ManagedNode, loop_qos, run, take_waiting
+from fopid_ros.common.managed_node import TIMING, ManagedNode, loop_qos, run, take_pending_messages
 from fopid_ros.common.parameters import Spec
+from fopid_ros.common.pending_values import PendingValues
 from fopid_ros.common.signals import SignalType, signal_specs
 
 SPECS = (
@@ -69,7 +69,7 @@ class PlantSimulator(ManagedNode):
         self._period_ns = round(values["sample_time"] * 1e9)
         self._half_period = 0.5e-9 * self._period_ns
         self._control = self._disturbance = 0.0
-        self._ahead = Ahead()
+        self._pending = PendingValues()
         self._sample = 0
         self._refused = 0
         self.timer: Timer | None = None
@@ -102,7 +102,7 @@ class PlantSimulator(ManagedNode):
     def apply(self, values: dict[str, Any]) -> None:
         self._plant.gain_factor = values["gain_factor"]
         if values["advance_until"] != self._until:
-            self._go_on_until(values["advance_until"])
+            self._advance_until(values["advance_until"])
 
     @property
     def time(self) -> float:
@@ -150,8 +150,8 @@ class PlantSimulator(ManagedNode):
         current = self._sample * self._period_ns
         if not self._gate_open or (stamp_ns is not None and stamp_ns != current):
             return
-        take_waiting(self._disturbances)
-        for value in self._ahead.due(current):
+        take_pending_messages(self._disturbances)
+        for value in self._pending.due(current):
             self._disturbance = value
         self._plant.step(self._control, self._disturbance)
         self._sample += 1
@@ -168,7 +168,7 @@ class PlantSimulator(ManagedNode):
         stamp.sec, stamp.nanosec = divmod(self._sample * self._period_ns, 1_000_000_000)
         self._clock_publisher.publish(self._clock_message)
 
-    def _go_on_until(self, until: float) -> None:
+    def _advance_until(self, until: float) -> None:
         was_open, self._until = self._gate_open, until
         if self._lockstep and not was_open:
             self._send()
@@ -179,7 +179,7 @@ class PlantSimulator(ManagedNode):
         elif math.isnan(request.until) or request.until < self.time - self._half_period:
             response.message = f"until = {request.until}; allowed: the present time {self.time:g} s or later"
         else:
-            self._go_on_until(request.until)
+            self._advance_until(request.until)
             response.success = not self._gate_open
             response.message = "reached" if response.success else "on the way"
         response.time = self.time
@@ -205,7 +205,7 @@ class PlantSimulator(ManagedNode):
         value = self._disturbance_type.read(message)
         if not math.isfinite(value):
             self._refuse("disturbance", value)
-        elif not (self._lockstep and self._ahead.waits(self._disturbance_type.stamp_ns(message), value)):
+        elif not (self._lockstep and self._pending.defer(self._disturbance_type.stamp_ns(message), value)):
             self._disturbance = value
 
     def _refuse(self, name: str, value: float) -> None:
@@ -216,7 +216,7 @@ class PlantSimulator(ManagedNode):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._plant.reset()
-        self._ahead = Ahead()
+        self._pending = PendingValues()
         self._sample = 0
         self._control = self._disturbance = 0.0
         response.success, response.message = True, "at rest, time 0"

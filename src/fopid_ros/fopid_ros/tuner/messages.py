@@ -18,8 +18,8 @@ from fopid_msgs.msg import IdentifiedModel as IdentifiedModelMessage
 from fopid_msgs.srv import Tune
 from fopid_ros.tuner.controller_client import GAINS
 from fopid_ros.tuner.learning.autotune import AutotuneRequest
-from fopid_ros.tuner.learning.handover import Outcome, Terms
-from fopid_ros.tuner.learning.live_experiment import EXCITATIONS, WantedExperiment
+from fopid_ros.tuner.learning.closed_loop_experiment import EXCITATIONS, ExperimentSettings
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome
 
 
 def _given(request: Tune.Request, defaults: dict[str, Any], name: str) -> Any:
@@ -49,13 +49,13 @@ def autotune_request(goal: Autotune.Goal, defaults: dict[str, Any]) -> AutotuneR
               for name in ("method", "phase_margin", "crossover", "index", "ms_max", "u_max")}  # fmt: skip
     # The process to tune for is what will be learnt; until then any stands for it.
     tuning = tuning_request(Tune.Request(process="P1", **shared), defaults)
-    return AutotuneRequest(WantedExperiment(**chosen), template, terms(tuning, defaults), goal.propose_only)
+    return AutotuneRequest(ExperimentSettings(**chosen), template, criteria(tuning, defaults), goal.propose_only)
 
 
-def terms(tuning: TuningRequest, defaults: dict[str, Any]) -> Terms:
+def criteria(tuning: TuningRequest, defaults: dict[str, Any]) -> AcceptanceCriteria:
     """What gains for a learnt process must fulfil, by the node's parameters."""
     limits = RobustLimits(defaults["verify.worst_ms_max"], defaults["verify.worst_phase_margin"])
-    return Terms(tuning, limits, defaults["verify.ticks"])
+    return AcceptanceCriteria(tuning, limits, defaults["verify.ticks"])
 
 
 def tuning_request(request: Tune.Request, defaults: dict[str, Any]) -> TuningRequest:

@@ -19,7 +19,7 @@ from rclpy.executors import Executor, MultiThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
-from fopid_core.design.acceptance import refusal
+from fopid_core.design.acceptance import rejection_reason
 from fopid_core.design.identification.identify import IdentifiedModel, identify
 from fopid_core.design.reduction import preferred, reduce, reduce_all
 from fopid_core.design.tuner import TuningRequest, tune
@@ -36,16 +36,16 @@ from fopid_ros.common.signals import header_stamp
 from fopid_ros.tuner.controller_client import ControllerClient
 from fopid_ros.tuner.learning.adaptation import Adaptation
 from fopid_ros.tuner.learning.autotune import Autotuner
-from fopid_ros.tuner.learning.handover import Outcome
+from fopid_ros.tuner.learning.gain_update import Outcome
 from fopid_ros.tuner.learning.loop_tap import LoopTap
 from fopid_ros.tuner.learning.loop_wait import CancelledError, LoopWait, Stage
 from fopid_ros.tuner.messages import (
     autotune_request,
+    criteria,
     fill_autotune_result,
     fill_gains,
     fill_measures,
     identified_message,
-    terms,
     tuning_request,
 )
 from fopid_ros.tuner.parameters import SPECS
@@ -132,7 +132,7 @@ class TunerNode(ManagedNode):
         result = tune(wanted)
         applied = Applied(False, "")
         if request.apply:
-            refused = refusal(result, values["sample_time"], values["verify.ms_max"], values["verify.ticks"])
+            refused = rejection_reason(result, values["sample_time"], values["verify.ms_max"], values["verify.ticks"])
             applied = Applied(False, refused) if refused else self._apply(result.controller)
         response.success = result.success and (applied.done or not request.apply)
         response.applied = applied.done
@@ -198,7 +198,7 @@ class TunerNode(ManagedNode):
         return result
 
     def _autotune(self, goal: ServerGoalHandle, result: Autotune.Result) -> None:
-        def tell(stage: Stage) -> None:
+        def report(stage: Stage) -> None:
             self._stage = stage.phase
             goal.publish_feedback(Autotune.Feedback(**asdict(stage)))
 
@@ -207,7 +207,7 @@ class TunerNode(ManagedNode):
 
         request = autotune_request(goal.request, self.values())
         try:
-            outcome = Autotuner(self._tap, self._controller, request, LoopWait(self._tap, tell, ended)).run()
+            outcome = Autotuner(self._tap, self._controller, request, LoopWait(self._tap, report, ended)).run()
         except CancelledError:
             result.message = "cancelled; gains and control are as they were"
             return
@@ -236,7 +236,7 @@ class TunerNode(ManagedNode):
         if not self._busy.acquire(blocking=False):
             return
         try:
-            self._look(values)
+            self._update_adaptation(values)
         except InputError as error:
             self._adaptation.message = str(error)
         except CancelledError:
@@ -245,13 +245,13 @@ class TunerNode(ManagedNode):
             self._stage = "idle"
             self._busy.release()
 
-    def _look(self, values: dict[str, Any]) -> None:
-        def tell(stage: Stage) -> None:
+    def _update_adaptation(self, values: dict[str, Any]) -> None:
+        def report(stage: Stage) -> None:
             self._stage = f"adapting: {stage.phase}"
 
-        wanted = terms(tuning_request(Tune.Request(process="P1"), values), values)
-        wait = LoopWait(self._tap, tell, self._stopping.is_set)
-        outcome = self._adaptation.look(values["adapt_window"], values["adapt"] == "apply", wanted, wait)
+        wanted = criteria(tuning_request(Tune.Request(process="P1"), values), values)
+        wait = LoopWait(self._tap, report, self._stopping.is_set)
+        outcome = self._adaptation.update(values["adapt_window"], values["adapt"] == "apply", wanted, wait)
         if outcome is None:
             return
         result = Autotune.Result()
@@ -272,7 +272,7 @@ class TunerNode(ManagedNode):
         response.success, response.message, response.elapsed = found.success, found.message, found.elapsed
 
     def _adopt(self, model: IdentifiedModel) -> None:
-        self._adaptation.learnt(model)
+        self._adaptation.set_model(model)
         self._take_for(model)
 
     def _take_for(self, model: IdentifiedModel) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from fopid_core.design.acceptance import MS_MAX, TICKS
+from fopid_core.design.acceptance import DELAY_MARGIN_TICKS, MS_MAX
 from fopid_core.design.specification import METHODS, VIA
 from fopid_ros.common.parameters import Spec
 from fopid_ros.tuner.learning import loop_tap
@@ -34,7 +34,7 @@ SPECS = (
     Spec("verify.ms_max", MS_MAX, "gains with a larger max |S| are not applied", 1.0, 1e6),
     Spec("verify.worst_ms_max", 2.5, "the same, on every process that a record leaves possible", 1.0, 1e6),
     Spec("verify.worst_phase_margin", math.radians(30.0), "least phase margin there [rad]", 0.0, math.pi),
-    Spec("verify.ticks", TICKS, "gains with a delay margin of fewer ticks are not applied", 0.0, 1e6),
+    Spec("verify.ticks", DELAY_MARGIN_TICKS, "gains with a delay margin of fewer ticks are not applied", 0.0, 1e6),
     Spec("autotune.excitation", "prbs", "how ~/autotune moves the loop", choices=("prbs", "relay", "step")),
     Spec("autotune.amplitude", 0.0, "how far it moves the control; 0 finds out", 0.0, 1e9),
     Spec("autotune.deviation_max", 0.0, "distance from setpoint that ends it; 0: a tenth of the setpoint", 0.0, 1e9),

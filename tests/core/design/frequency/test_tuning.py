@@ -1,4 +1,4 @@
-"""Frequency-domain tuning finds the best admissible design of the whole square of orders, or says what it cannot."""
+"""Frequency-domain tuning finds the best admissible design of the whole plane of orders, or says what it cannot."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import lsim
 
 from fopid_core.design.identification.record import Record
-from fopid_core.design.identification.response import RecordResponse, Start
+from fopid_core.design.identification.response import InitialCondition, RecordResponse
 from fopid_core.design.identification.structure import structure_of
 
 REGULAR = np.arange(0.0, 20.0, 0.05)
@@ -24,9 +24,9 @@ def mittag_leffler_step(alpha: float, time: float) -> float:
         return float(1 - mpmath.nsum(lambda k: z**k / mpmath.gamma(alpha * k + 1), [0, mpmath.inf]))
 
 
-def response(record: Record, name: str, x: list[float], start: Start | None = None) -> np.ndarray:
+def response(record: Record, name: str, x: list[float], start: InitialCondition | None = None) -> np.ndarray:
     """To the control alone, with gain 1."""
-    return RecordResponse(record, structure_of(name), start or Start()).columns(np.array(x))[:, 0]
+    return RecordResponse(record, structure_of(name), start or InitialCondition()).columns(np.array(x))[:, 0]
 
 
 @pytest.mark.parametrize("alpha", [0.6, 1.4])
@@ -68,7 +68,7 @@ def test_a_control_held_between_irregular_instants_acts_as_scipy_says() -> None:
 
 def test_free_response_of_two_lags_is_in_the_span_of_what_the_beginning_adds() -> None:
     record = Record(REGULAR, NO_CONTROL, NO_CONTROL)
-    start = Start(step=True, free=True)
+    start = InitialCondition(step=True, free=True)
     columns = RecordResponse(record, structure_of("soptd"), start).columns(np.array([0.0, math.log(0.5), 0.0]))
     root = complex(-0.25, math.sqrt(1.0 - 0.25**2))
     running_out = np.real((0.3 - 0.8j) * np.exp(root * REGULAR)) + 0.7
@@ -87,7 +87,7 @@ def test_free_response_of_two_lags_is_in_the_span_of_what_the_beginning_adds() -
 def test_slopes_are_what_finite_differences_say(name: str, x: list[float], gains: list[float]) -> None:
     control = np.sign(np.sin(0.9 * REGULAR)) + np.sin(2.0 * REGULAR)
     record = Record(REGULAR, control, NO_CONTROL)
-    model = RecordResponse(record, structure_of(name), Start(0.3, step=True, free=True))
+    model = RecordResponse(record, structure_of(name), InitialCondition(0.3, step=True, free=True))
     at = np.array(x)
     columns = model.columns(at)
     coefficients = np.concatenate([gains, np.linspace(0.1, 0.2, columns.shape[1] - len(gains))])
@@ -104,7 +104,7 @@ def test_averages_over_blocks_stand_for_many_samples() -> None:
     time = np.arange(0.0, 20.0, 0.01)
     control = (time > 2.0).astype(float)
     measurement = np.where(time > 2.0, 1.0 - np.exp(-(time - 2.0)), 0.0)
-    model = RecordResponse(Record(time, control, measurement), structure_of("foptd"), Start(), most=500)
+    model = RecordResponse(Record(time, control, measurement), structure_of("foptd"), InitialCondition(), most=500)
     assert model.time.size == 500
     # a lag bends by at most 1 per second squared: over a block of 0.04 s that is 1e-4; a cell moves the step by 0.01 s
     assert model.columns(np.zeros(2))[:, 0] == pytest.approx(model.measurement, abs=1e-2)

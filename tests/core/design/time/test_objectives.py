@@ -8,7 +8,14 @@ import control
 import numpy as np
 import pytest
 
-from fopid_core.design.time.objectives import OBJECTIVES, ZAMANI_PARTS, Behaviour, Objective, gain_margin, phase_margin
+from fopid_core.design.time.objectives import (
+    OBJECTIVES,
+    ZAMANI_PARTS,
+    LoopResponses,
+    Objective,
+    gain_margin,
+    phase_margin,
+)
 from fopid_core.errors import InputError
 
 TIME = np.linspace(0.0, 40.0, 40001)
@@ -19,8 +26,8 @@ CLOSED_FORM = {"iae": 1.0, "itae": 1.0, "ise": 0.5, "itse": 0.25, "istes": 0.75,
 
 def cost(objective: Objective, errors: np.ndarray, controls: np.ndarray | None = None, loop: complex = 0j) -> float:
     loops = np.full((1, len(W)), loop) if np.isscalar(loop) else loop
-    behaviour = Behaviour(TIME, errors[None], controls, W, loops)
-    return float(objective.cost(behaviour, objective.time_weights(TIME))[0])
+    responses = LoopResponses(TIME, errors[None], controls, W, loops)
+    return float(objective.cost(responses, objective.time_weights(TIME))[0])
 
 
 @pytest.mark.parametrize(("name", "expected"), CLOSED_FORM.items())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fopid_core.data import paper_tables
-from fopid_core.design.time.objectives import Behaviour, Objective
+from fopid_core.design.time.objectives import LoopResponses, Objective
 from fopid_core.design.time.search_response import ResponseGrid
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
@@ -19,8 +19,8 @@ ROWS = [row for row in paper_tables()["table4_to_7"] if row["process"] != "P4"]
 
 def index_of(grid: ResponseGrid, gains: np.ndarray, name: str) -> float:
     objective = Objective.of(name, {})
-    behaviour = Behaviour(grid.time, grid.errors(gains), None, np.ones(1), np.ones((1, 1), dtype=complex))
-    return float(objective.cost(behaviour, objective.time_weights(grid.time))[0])
+    responses = LoopResponses(grid.time, grid.errors(gains), None, np.ones(1), np.ones((1, 1), dtype=complex))
+    return float(objective.cost(responses, objective.time_weights(grid.time))[0])
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row['process']} {row['index']}")

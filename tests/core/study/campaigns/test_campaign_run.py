@@ -27,7 +27,7 @@ from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
 from fopid_core.study.campaigns.campaign import Campaign, Design, Range, Variations
 from fopid_core.study.campaigns.columns import SCHEMA
-from fopid_core.study.campaigns.run import Standing, read_results, run_campaign
+from fopid_core.study.campaigns.run import CampaignProgress, read_results, run_campaign
 from fopid_core.study.campaigns.varied_loops import varied
 
 FOPID = str(Path(sys.executable).with_name("fopid"))
@@ -139,7 +139,7 @@ def test_a_second_start_goes_on_where_the_first_was_left(
     class StopError(Exception):
         pass
 
-    def stop(standing: Standing) -> None:
+    def stop(standing: CampaignProgress) -> None:
         if standing.done >= 18:
             raise StopError
 
@@ -150,7 +150,7 @@ def test_a_second_start_goes_on_where_the_first_was_left(
     last = max(parts.glob("*.parquet"))
     last.write_bytes(last.read_bytes()[:-100])
     assert not out.exists()
-    standings: list[Standing] = []
+    standings: list[CampaignProgress] = []
     assert run_campaign(SMALL, out, report=standings.append) == 9
     assert [standing.done for standing in standings] == [9, 18, 27, 36, 45, 54]
     assert standings[-1].left == 0.0
@@ -181,7 +181,7 @@ def test_parts_of_another_campaign_are_refused(tmp_path: Path) -> None:
 def test_two_at_once_on_one_result_are_refused(tmp_path: Path) -> None:
     out = tmp_path / "r.parquet"
 
-    def second(standing: Standing) -> None:
+    def second(standing: CampaignProgress) -> None:
         with pytest.raises(InputError, match="being worked on by another process"):
             run_campaign(SMALL, out)
 

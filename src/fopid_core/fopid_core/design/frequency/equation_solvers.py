@@ -1,6 +1,6 @@
 """The two published ways to eqs. (1) to (5), for comparison: five equations, and constrained optimisation.
 
-Both begin from one point and may end anywhere or nowhere; ``frequency_tuning`` sees the whole square of orders.
+Both begin from one point and may end anywhere or nowhere; ``frequency_tuning`` sees the whole plane of orders.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class ControllerWish:
+class ControllerTarget:
     """What the controller must be at s = j w_gc: the value c0, and a slope that makes the phase flat."""
 
     s: complex
@@ -29,13 +29,13 @@ class ControllerWish:
     flat: float
 
     @staticmethod
-    def of(process: Process, phase_margin: float, crossover: float) -> ControllerWish:
-        """The wish for a process, eqs. (1) to (3)."""
+    def of(process: Process, phase_margin: float, crossover: float) -> ControllerTarget:
+        """The target for a process, eqs. (1) to (3)."""
         s = 1j * crossover
         p = complex(process(s))
         require(0 < abs(p) < math.inf, f"|P| at the crossover {crossover:g} rad/s", abs(p), "above 0 and finite")
         c0 = cmath.exp(1j * (phase_margin - math.pi)) / p
-        return ControllerWish(s, c0, -complex(process.logarithmic_derivative(s)).real)
+        return ControllerTarget(s, c0, -complex(process.logarithmic_derivative(s)).real)
 
     def gains(self, lam: Real, mu: Real) -> Real:
         """Rows (kp, ki, kd, lam, mu), shape (n, 5); not finite where the equations contradict each other."""
@@ -83,7 +83,7 @@ def exact_gains(process: Process, phase_margin: float, crossover: float, lam: Ar
     >>> bool(abs(loop - np.exp(1j * (1.2 - np.pi))) < 1e-12)
     True
     """
-    return ControllerWish.of(process, phase_margin, crossover).gains(np.asarray(lam, float), np.asarray(mu, float))
+    return ControllerTarget.of(process, phase_margin, crossover).gains(np.asarray(lam, float), np.asarray(mu, float))
 
 
 def has_one_sign(gains: Real) -> NDArray[np.bool_]:

@@ -41,7 +41,7 @@ def propose_frequency(request: TuningRequest, progress: Progress, expired: Expir
         phase_margin, crossover, request.t_max, request.s_max, request.criterion,
         request.u_max or math.inf, request.sample_time,
     )  # fmt: skip
-    progress(0.3, "searching the square of orders")
+    progress(0.3, "searching the plane of orders")
     if request.solver in ("paper", "monje"):
         solve = solve_equations if request.solver == "paper" else optimise_constrained
         found = solve(process, wished)

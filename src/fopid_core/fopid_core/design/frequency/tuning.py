@@ -1,4 +1,4 @@
-"""Frequency-domain tuning, eqs. (1) to (5), with the whole square of orders in view.
+"""Frequency-domain tuning, eqs. (1) to (5), with the whole plane of orders in view.
 
 Every (lam, mu) has exactly one design that meets phase margin, crossover and flat phase, so what is left
 is a search in two dimensions: among the admissible designs the best one by a stated criterion.
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fopid_core.design.frequency.order_square import Designs, Merit, OrderSquare, Real, frequency_grid
+from fopid_core.design.frequency.order_search import Designs, Merit, OrderSearch, Real, frequency_grid
 from fopid_core.design.specification import FrequencySpecification
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
@@ -38,7 +38,7 @@ FAR = 1e6
 
 @dataclass(frozen=True)
 class FrequencyDesign:
-    """The outcome of a search over the square of orders.
+    """The outcome of a search over the plane of orders.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class FrequencyDesign:
 
 
 def tune_frequency(process: Process, specification: FrequencySpecification) -> FrequencyDesign:
-    """The best admissible design of the whole square 0 < lam, mu <= 2.
+    """The best admissible design of the whole plane 0 < lam, mu <= 2.
 
     Parameters
     ----------
@@ -92,20 +92,20 @@ def tune_frequency(process: Process, specification: FrequencySpecification) -> F
     True
     """
     resonances = _resonances(process, specification)
-    dense = OrderSquare(process, specification, np.union1d(frequency_grid(specification, DENSE), resonances))
-    square = OrderSquare(process, specification, np.union1d(frequency_grid(specification), resonances))
+    dense = OrderSearch(process, specification, np.union1d(frequency_grid(specification, DENSE), resonances))
+    search = OrderSearch(process, specification, np.union1d(frequency_grid(specification), resonances))
     merit = _merit(specification)
-    best = square.best(merit)
+    best = search.best(merit)
     for _ in range(EXCHANGES):
         if best is None:
             break
         truth = dense.measure(best.gains)
         if _is_as_good(truth, best):
             break
-        square = square.refined(dense.worst_frequencies(best))
+        search = search.refined(dense.worst_frequencies(best))
         is_near = truth.inadmissible[0] <= SLIGHTLY
-        best = square.best_near(best, merit) if is_near else square.best(merit)
-    return _answer(square, None if best is None else dense.measure(best.gains))
+        best = search.best_near(best, merit) if is_near else search.best(merit)
+    return _answer(search, None if best is None else dense.measure(best.gains))
 
 
 def _resonances(process: Process, specification: FrequencySpecification) -> Real:
@@ -134,11 +134,11 @@ def _is_as_good(truth: Designs, design: Designs) -> bool:
     return bool(peaks and bounds and truth.inadmissible[0] <= 0.0)
 
 
-def _answer(square: OrderSquare, best: Designs | None) -> FrequencyDesign:
+def _answer(search: OrderSearch, best: Designs | None) -> FrequencyDesign:
     if best is None or best.inadmissible[0] > AS_GOOD_DB:
         nothing = math.nan
-        return FrequencyDesign(None, False, nothing, nothing, nothing, nothing, nothing, nothing, square.evaluations)
-    met = bool(best.excess(square.specification)[0] <= AS_GOOD_DB)
+        return FrequencyDesign(None, False, nothing, nothing, nothing, nothing, nothing, nothing, search.evaluations)
+    met = bool(best.violation(search.specification)[0] <= AS_GOOD_DB)
     return FrequencyDesign(
         controller=Fopid(*best.gains[0]),
         met=met,
@@ -146,9 +146,9 @@ def _answer(square: OrderSquare, best: Designs | None) -> FrequencyDesign:
         mt=float(best.mt[0]),
         t_db=float(best.t_db[0]),
         s_db=float(best.s_db[0]),
-        nearest_t_db=math.nan if met else _lowest(square, best, "t_db"),
-        nearest_s_db=math.nan if met else _lowest(square, best, "s_db"),
-        evaluations=square.evaluations,
+        nearest_t_db=math.nan if met else _lowest(search, best, "t_db"),
+        nearest_s_db=math.nan if met else _lowest(search, best, "s_db"),
+        evaluations=search.evaluations,
     )
 
 
@@ -161,16 +161,16 @@ def _merit(specification: FrequencySpecification) -> Merit:
     }[specification.criterion]
 
     def merit(designs: Designs) -> Real:
-        above = designs.excess(specification)
+        above = designs.violation(specification)
         return np.where(above > 0.0, FAR + above, criterion(designs))
 
     return merit
 
 
-def _lowest(square: OrderSquare, best: Designs, name: str) -> float:
+def _lowest(search: OrderSearch, best: Designs, name: str) -> float:
     """The lowest |T| or |S| on its band when the other bound is let go, or something low enough."""
-    bound, value = _bound_and_value(square, best, name)
-    other_bound, other_value = _bound_and_value(square, best, "s_db" if name == "t_db" else "t_db")
+    bound, value = _bound_and_value(search, best, name)
+    other_bound, other_value = _bound_and_value(search, best, "s_db" if name == "t_db" else "t_db")
     if value <= bound:
         return math.nan
     if other_value - other_bound < value - bound - AS_GOOD_DB:
@@ -180,11 +180,11 @@ def _lowest(square: OrderSquare, best: Designs, name: str) -> float:
         value: Real = getattr(designs, name)
         return value
 
-    lowest = square.best(merit, enough=bound)
+    lowest = search.best(merit, enough=bound)
     return value if lowest is None else float(merit(lowest)[0])
 
 
-def _bound_and_value(square: OrderSquare, design: Designs, name: str) -> tuple[float, float]:
+def _bound_and_value(search: OrderSearch, design: Designs, name: str) -> tuple[float, float]:
     """A bound [dB], infinite for none, and what a design does [dB]."""
-    bound = square.specification.t_max if name == "t_db" else square.specification.s_max
+    bound = search.specification.t_max if name == "t_db" else search.specification.s_max
     return math.inf if bound is None else bound.db, float(getattr(design, name)[0])

@@ -10,7 +10,7 @@ import numpy as np
 from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, identify
 from fopid_core.design.identification.quality import fit_pct
 from fopid_core.design.identification.record import Record
-from fopid_core.design.identification.response import RecordResponse, Start
+from fopid_core.design.identification.response import InitialCondition, RecordResponse
 from fopid_core.design.specification import Clock
 from fopid_core.model.arrays import Floats
 
@@ -53,10 +53,10 @@ class Drift:
     message: str
 
 
-def unexplained(model: IdentifiedModel, record: Record) -> Floats:
+def model_residual(model: IdentifiedModel, record: Record) -> Floats:
     """Measurement less model, shape (n,), with the best offset, ramp and beginning but the model's own dynamics."""
     structure, x, gains = model.structure, model.numbers, model.gains
-    start = Start(float(record.control[0]), step=True, free=True, ramp=True)
+    start = InitialCondition(float(record.control[0]), step=True, free=True, ramp=True)
     response = RecordResponse(record, structure, start)
     columns = response.columns(x)
     left = response.measurement - columns[:, : gains.size] @ gains
@@ -83,7 +83,7 @@ def drift(
     clock : callable
         Gives the time [s].
     """
-    residual = unexplained(model, record)
+    residual = model_residual(model, record)
     error, before = float(np.sqrt(np.mean(residual**2))), model.noise
     spread = float(np.std(record.measurement))
     fit = fit_pct(record.averaged(residual.size)[1], residual)

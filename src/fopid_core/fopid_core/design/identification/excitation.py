@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from fopid_core.design.identification.record import Record
-from fopid_core.design.identification.response import Start
+from fopid_core.design.identification.response import InitialCondition
 from fopid_core.model.arrays import Floats
 
 LEAST_SHARE = 1e-4
@@ -17,7 +17,7 @@ _LAGS = 8
 _PREDICTABLE = 1e-12
 
 
-def external_share(record: Record, start: Start) -> float:
+def external_share(record: Record, start: InitialCondition) -> float:
     """The share of the control's surprises, as a power, that no linear feedback of the measurement explains.
 
     A surprise is what the last controls do not tell. 1 where samples are uneven, since that hides a feedback.
@@ -25,7 +25,7 @@ def external_share(record: Record, start: Start) -> float:
     Parameters
     ----------
     record : Record
-    start : Start
+    start : InitialCondition
         What is known about the beginning: a step from rest in the first instant counts.
 
     Examples
@@ -33,9 +33,9 @@ def external_share(record: Record, start: Start) -> float:
     >>> rng = np.random.default_rng(0)
     >>> noise = rng.standard_normal(500)
     >>> answer = Record(np.arange(500.0), -0.5 * noise - 0.1 * np.cumsum(noise), noise)
-    >>> external_share(answer, Start(step=True)) < LEAST_SHARE
+    >>> external_share(answer, InitialCondition(step=True)) < LEAST_SHARE
     True
-    >>> round(external_share(Record(np.arange(500.0), rng.standard_normal(500), noise), Start(step=True)), 1)
+    >>> round(external_share(Record(np.arange(500.0), rng.standard_normal(500), noise), InitialCondition(step=True)), 1)
     1.0
     """
     if not record.is_regular:

@@ -16,6 +16,7 @@ import numpy as np
 from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover
 from fopid_core.design.identification.excitation import LEAST_SHARE, external_share
 from fopid_core.design.identification.fit import Fit, fit
+from fopid_core.design.identification.initial_estimates import initial_parameters, rough_fit
 from fopid_core.design.identification.quality import (
     Whiteness,
     covariance,
@@ -24,10 +25,9 @@ from fopid_core.design.identification.quality import (
     relative_deviation,
     whiteness,
 )
-from fopid_core.design.identification.record import Record, held_back
+from fopid_core.design.identification.record import Record, validation_samples
 from fopid_core.design.identification.response import RecordResponse
 from fopid_core.design.identification.sampling import sampled_processes
-from fopid_core.design.identification.starts import rough_fit, starts_for
 from fopid_core.design.identification.structure import TEMPLATE_STRUCTURES, Structure, structure_of
 from fopid_core.design.specification import Clock
 from fopid_core.model.arrays import Floats
@@ -204,8 +204,8 @@ def _models(record: Record, rough: Fit, structures: list[Structure]) -> tuple[Id
     models = []
     for structure in structures:
         begin = RecordResponse(record, structure, rough.response.start, _COARSE)
-        rows = ~held_back(begin.time.size)
-        tried = [fit(begin, start, rows, _FIRST_LOOK, 1e-4) for start in starts_for(structure, rough, coarse)]
+        rows = ~validation_samples(begin.time.size)
+        tried = [fit(begin, start, rows, _FIRST_LOOK, 1e-4) for start in initial_parameters(structure, rough, coarse)]
         chosen = min(tried, key=_unstable_last)
         coarse.append(fit(begin, chosen.x, rows, 40, 1e-5))
         models.append(_model(record, coarse[-1]))
@@ -219,7 +219,7 @@ def _unstable_last(found: Fit) -> tuple[bool, float]:
 def _model(record: Record, coarse: Fit) -> IdentifiedModel:
     """Fitted without the samples held back, judged on them, and then fitted to all."""
     response = RecordResponse(record, coarse.structure, coarse.response.start)
-    judges = held_back(response.time.size)
+    judges = validation_samples(response.time.size)
     trained = fit(response, coarse.x, ~judges, 12, 1e-6)
     found = fit(response, trained.x, np.ones_like(judges), 3, 1e-6)
     spread = covariance(found)

@@ -16,7 +16,7 @@ _BLOCKS, _EVERY = 250, 5
 """The record is cut into about so many blocks; every fifth is held back to judge the fit."""
 
 
-def held_back(samples: int) -> Booleans:
+def validation_samples(samples: int) -> Booleans:
     """Which samples judge the fit and take no part in it: stretches so short that no transient falls between them."""
     return np.asarray(np.arange(samples) // max(samples // _BLOCKS, 1) % _EVERY == _EVERY // 2)
 

@@ -25,7 +25,7 @@ _MOST_CELLS = 8192
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialCondition:
     """What is unknown about the beginning.
 
     Attributes
@@ -63,12 +63,12 @@ class RecordResponse:
     ----------
     record : Record
     structure : Structure
-    start : Start
+    start : InitialCondition
     most : int
         With more samples than this, averages over blocks of samples stand for them.
     """
 
-    def __init__(self, record: Record, structure: Structure, start: Start, most: int = _MOST_CELLS) -> None:
+    def __init__(self, record: Record, structure: Structure, start: InitialCondition, most: int = _MOST_CELLS) -> None:
         self.structure, self.start = structure, start
         self._record, self._most = record, most
         time, self.measurement = record.averaged(most)

@@ -24,7 +24,7 @@ SETTLED = 0.02
 
 
 @dataclass(frozen=True)
-class Behaviour:
+class LoopResponses:
     """What a batch of n loops does after a unit setpoint step.
 
     Attributes
@@ -116,30 +116,30 @@ class Objective:
         of_control = np.full_like(time, self.weights["energy"] * time[1])
         return np.concatenate([absolute, 0.0 * time]), np.concatenate([square, of_control])
 
-    def cost(self, behaviour: Behaviour, weights: tuple[Real, Real]) -> Real:
+    def cost(self, responses: LoopResponses, weights: tuple[Real, Real]) -> Real:
         """The cost of each loop, shape (n,), with the weights for its time."""
         absolute, square = weights
-        signals = behaviour.signals
+        signals = responses.signals
         total = np.zeros(len(signals))
         if absolute.any():
             total = total + np.abs(signals) @ absolute
         if square.any():
             total = total + signals**2 @ square
-        return np.asarray(total if self.is_integral else total + self._zamani(behaviour))
+        return np.asarray(total if self.is_integral else total + self._zamani(responses))
 
     def _combined(self, powers: Mapping[str, Real]) -> Real:
         parts = [self.weights.get(name, 0.0) * power for name, power in powers.items()]
         return np.asarray(np.sum(parts, axis=0))
 
-    def _zamani(self, behaviour: Behaviour) -> Real:
-        outputs = 1.0 - behaviour.errors
+    def _zamani(self, responses: LoopResponses) -> Real:
+        outputs = 1.0 - responses.errors
         parts = {
             "overshoot": np.maximum(outputs.max(axis=1) - 1.0, 0.0),
-            "rise_time": _crossing(behaviour.time, outputs, 0.9) - _crossing(behaviour.time, outputs, 0.1),
-            "settling_time": _settling(behaviour.time, behaviour.errors),
-            "steady_state_error": np.abs(behaviour.errors[:, -1]),
-            "phase_margin": 1.0 / phase_margin(behaviour.loop),
-            "gain_margin": 1.0 / gain_margin(behaviour.loop),
+            "rise_time": _crossing(responses.time, outputs, 0.9) - _crossing(responses.time, outputs, 0.1),
+            "settling_time": _settling(responses.time, responses.errors),
+            "steady_state_error": np.abs(responses.errors[:, -1]),
+            "phase_margin": 1.0 / phase_margin(responses.loop),
+            "gain_margin": 1.0 / gain_margin(responses.loop),
         }
         return self._combined(parts)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fopid_core.design.control_peak import first_control
 from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover, process_gain
 from fopid_core.design.specification import NUMBERS
-from fopid_core.design.time.objectives import Behaviour, Objective
+from fopid_core.design.time.objectives import LoopResponses, Objective
 from fopid_core.design.time.search_response import ResponseGrid
 from fopid_core.model.process import Process
 
@@ -148,9 +148,9 @@ class TimeProblem:
 
     def cost_and_slack(self, gains: Real) -> tuple[Real, Real]:
         """Cost (n,) and what is left to each bound (n, bounds), relative; negative where it is broken."""
-        behaviour = self._behaviour(gains)
-        cost = self.specification.objective.cost(behaviour, self._weights)
-        return cost, self._slack(gains, behaviour.loop)
+        responses = self._responses(gains)
+        cost = self.specification.objective.cost(responses, self._weights)
+        return cost, self._slack(gains, responses.loop)
 
     def slack(self, gains: Real) -> Real:
         """What is left to each bound, shape (n, bounds)."""
@@ -162,9 +162,9 @@ class TimeProblem:
         step = np.where(gains[free] + STEP * self.scale[free] > self.box[free, 1], -STEP, STEP)
         rows = np.repeat(gains[None], len(free) + 1, axis=0)
         rows[1:, free] += np.diag(step * self.scale[free])
-        behaviour = self._behaviour(rows)
-        signals, (absolute, square) = behaviour.signals, self._weights
-        slack = self._slack(rows, behaviour.loop)
+        responses = self._responses(rows)
+        signals, (absolute, square) = responses.signals, self._weights
+        slack = self._slack(rows, responses.loop)
         return Linearised(
             cost=float(np.abs(signals[0]) @ absolute + signals[0] ** 2 @ square),
             signals=signals[0],
@@ -201,11 +201,11 @@ class TimeProblem:
         controller = _controller(gains, self._log_noise_w)
         return np.asarray(np.abs(controller / (1.0 + controller * self._noise_p)).max(axis=1))
 
-    def _behaviour(self, gains: Real) -> Behaviour:
+    def _responses(self, gains: Real) -> LoopResponses:
         self.evaluations += len(gains)
         loop = self._p * _controller(gains, self._log_w)
         controls = self._controls(gains) if self.specification.objective.needs_control else None
-        return Behaviour(self._grid.time, self._grid.errors(gains), controls, self._w, loop)
+        return LoopResponses(self._grid.time, self._grid.errors(gains), controls, self._w, loop)
 
     def _controls(self, gains: Real) -> Real:
         controls = self._grid.controls(gains)

@@ -23,7 +23,7 @@ SIGNALS = ("setpoint", "disturbance", "control", "measurement")
 STATE, RESULT, PHASE = (f"fopid_msgs/msg/{name}" for name in ("FopidState", "TuningResult", "ExperimentPhase"))
 PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
 
-SIMULATED_BELOW = 1_000_000_000 * 10**9
+SIM_TIME_LIMIT_NS = 1_000_000_000 * 10**9
 """Stamps before 2001 [ns] are of a simulated clock and kept; later ones count from the first."""
 
 _PARAMETER_FIELDS = {
@@ -124,13 +124,13 @@ def _above(name: str) -> str:
 def _run(path: Path, namespace: str, found: Mapping[str, Recorded], custom: Mapping[str, str], whole: bool) -> Run:
     first = [int(found[key].stamps[0]) for key in (*SIGNALS, STATE) if key in found]
     start = min(first, default=0)
-    start = 0 if start < SIMULATED_BELOW else start
+    start = 0 if start < SIM_TIME_LIMIT_NS else start
     clock = None if start else _loop_clock(found)
 
     def each(key: str) -> Iterator[tuple[float, Any]]:
         if key not in found:
             return iter(())
-        recorded = found[key] if clock is None else found[key].on(clock, SIMULATED_BELOW)
+        recorded = found[key] if clock is None else found[key].on(clock, SIM_TIME_LIMIT_NS)
         return zip(_seconds(recorded, start).tolist(), recorded.objects(), strict=True)
 
     state = _state(found[STATE], start) if STATE in found else {}

@@ -39,7 +39,7 @@ Done = Iterator[tuple[Task, pa.Table]]
 
 
 @dataclass(frozen=True)
-class Standing:
+class CampaignProgress:
     """How far a campaign is.
 
     Attributes
@@ -60,7 +60,7 @@ def run_campaign(
     out: Path,
     workers: int = 1,
     scheduler: str | None = None,
-    report: Callable[[Standing], object] | None = None,
+    report: Callable[[CampaignProgress], object] | None = None,
 ) -> int:
     """Run what is still to be run, and put the result together.
 
@@ -161,19 +161,19 @@ def _run_tasks(
     campaign: Campaign,
     folder: Path,
     executor: Callable[[Work, list[Task]], Done],
-    report: Callable[[Standing], object],
+    report: Callable[[CampaignProgress], object],
 ) -> int:
     tasks = list(campaign.tasks())
     left = [task for task in tasks if not _is_done(_part(folder, task), task)]
     total = campaign.runs
     kept = done = total - sum(task.runs for task in left)
-    report(Standing(done, total, float("nan")))
+    report(CampaignProgress(done, total, float("nan")))
     begun = time.monotonic()
     for task, table in executor(partial(_work, campaign), left) if left else ():
         _write_whole(_part(folder, task), partial(pa.parquet.write_table, table))
         done += task.runs
         each = (time.monotonic() - begun) / (done - kept)
-        report(Standing(done, total, each * (total - done)))
+        report(CampaignProgress(done, total, each * (total - done)))
     return kept
 
 

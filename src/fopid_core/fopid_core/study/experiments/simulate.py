@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fopid_core.design.acceptance import refusal
+from fopid_core.design.acceptance import rejection_reason
 from fopid_core.design.specification import Achieved, TuningResult
 from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError
@@ -159,7 +159,9 @@ class _Loop:
         except InputError as error:
             self.not_applied.append(f"tuning by {call.method}: {error}")
             return
-        tuning = _tuning(first * self._sample_time, str(self._process), result, refusal(result, self._sample_time))
+        tuning = _tuning(
+            first * self._sample_time, str(self._process), result, rejection_reason(result, self._sample_time)
+        )
         self.tunings.append(tuning)
         if tuning.applied and result.controller is not None:
             self._change(dict(zip(GAINS, result.controller.gains, strict=True)), first, controller)

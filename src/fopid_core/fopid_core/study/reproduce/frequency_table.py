@@ -140,7 +140,7 @@ def our_table(designs: tuple[OurDesign, ...]) -> Table:
         Column("what can be met", under=True),
     )  # fmt: skip
     note = (
-        "For the same phase margin, crossover and flat phase, the whole square of orders searched with gains of one "
+        "For the same phase margin, crossover and flat phase, the whole plane of orders searched with gains of one "
         "sign: with both bounds, or without them (then |u| at most 20 right after the step). Margins and peaks are "
         "those on the system named."
     )

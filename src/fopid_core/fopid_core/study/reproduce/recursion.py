@@ -30,7 +30,7 @@ def recursive_output(loop: Loop, count: int, step: float) -> Floats:
     [0.0, 0.25, 0.375]
     """
     scale, weights = _differences(loop.characteristic, count, step)
-    forward_scale, forward_weights = _differences(loop.forward, count, step)
+    forward_scale, forward_weights = _differences(loop.open_loop_numerator, count, step)
     driven = np.cumsum(forward_scale @ forward_weights)
     output = np.zeros(count)
     for k in range(1, count):

@@ -9,14 +9,20 @@ from fopid_core.design.identification.drift import drift
 from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, identify
 from fopid_core.design.identification.record import Record
 from fopid_core.errors import InputError
-from fopid_core.runtime.watch import LoopFigures, LoopMeter
+from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
 from fopid_ros.tuner.controller_client import ControllerClient
-from fopid_ros.tuner.learning.handover import Controller, Handover, Outcome, Terms, ask_controller
-from fopid_ros.tuner.learning.live_experiment import INTEGRAL_TIMES, integral_time
+from fopid_ros.tuner.learning.closed_loop_experiment import INTEGRAL_TIMES, integral_time
+from fopid_ros.tuner.learning.gain_update import (
+    AcceptanceCriteria,
+    GainUpdate,
+    Outcome,
+    RunningController,
+    read_running_controller,
+)
 from fopid_ros.tuner.learning.loop_tap import LoopTap
 from fopid_ros.tuner.learning.loop_wait import LoopWait
 
-LOOKS_PER_WINDOW = 4
+CHECKS_PER_WINDOW = 4
 """How often the model is judged, while the window of signals that it is judged by passes once."""
 ERROR_FACTOR = 2.0
 """By how much the mean square of the error may grow under new gains."""
@@ -42,14 +48,14 @@ class Adaptation:
         self._tap, self._client = tap, client
         self.model: IdentifiedModel | None = None
         self.message = ""
-        self._since = self._looked = math.inf
+        self._since = self._checked = math.inf
 
-    def learnt(self, model: IdentifiedModel) -> None:
+    def set_model(self, model: IdentifiedModel) -> None:
         """Judge this model from now on, by signals from now on."""
         self.model = model
-        self._since = self._looked = self._tap.history.newest_time("control")
+        self._since = self._checked = self._tap.history.newest_time("control")
 
-    def look(self, window: float, apply: bool, terms: Terms, wait: LoopWait) -> Outcome | None:
+    def update(self, window: float, apply: bool, criteria: AcceptanceCriteria, wait: LoopWait) -> Outcome | None:
         """Learn the process when it is not known; else judge the model, and retune when the process has drifted.
 
         Parameters
@@ -58,7 +64,7 @@ class Adaptation:
             Signals to judge by [s]; 0 for 20 integral times of the present gains.
         apply : bool
             Whether new gains may be applied, or are only proposed.
-        terms : Terms
+        criteria : AcceptanceCriteria
             What new gains must fulfil.
         wait : LoopWait
 
@@ -74,60 +80,62 @@ class Adaptation:
         CancelledError
             When asked to stop; gains under trial are taken back.
         """
-        controller = ask_controller(self._client)
-        record = self._due(window or INTEGRAL_TIMES * integral_time(controller.gains))
+        controller = read_running_controller(self._client)
+        record = self._record_when_due(window or INTEGRAL_TIMES * integral_time(controller.gains))
         if record is None:
             return None
         if self.model is None:
-            return self._begin(record)
+            return self._identify_first_model(record)
         seen = drift(self.model, record)
         self.message = seen.message
         if not seen.drifted or seen.proposal is None:
             return None
-        outcome = self._retune(controller, record, seen.proposal, apply, terms, wait)
+        outcome = self._retune(controller, record, seen.proposal, apply, criteria, wait)
         return replace(outcome, message=f"the process has drifted: {seen.message}; {outcome.message}")
 
-    def _due(self, window: float) -> Record | None:
+    def _record_when_due(self, window: float) -> Record | None:
         """The newest signals, when it is time for a look."""
         if not math.isfinite(window):
             raise InputError("adapt_window = 0; allowed: above 0 s, since the present gains show no time scale")
         now = self._tap.history.newest_time("control")
         if now < self._since:  # the first look, or a clock that was set back
-            self._since = self._looked = now
-        if now - self._since < window or now - self._looked < window / LOOKS_PER_WINDOW:
+            self._since = self._checked = now
+        if now - self._since < window or now - self._checked < window / CHECKS_PER_WINDOW:
             return None
-        self._looked = now
+        self._checked = now
         return self._tap.history.record(now - window)
 
-    def _begin(self, record: Record) -> Outcome | None:
+    def _identify_first_model(self, record: Record) -> Outcome | None:
         found = identify(record)
         self.message = found.message
         if found.best is None or not found.success:
             return None
-        self.learnt(found.best)
+        self.set_model(found.best)
         return Outcome(True, f"the process is known now: {found.message}", model=found.best)
 
     def _retune(
-        self, controller: Controller, record: Record, found: IdentificationResult, apply: bool, terms: Terms,
-        wait: LoopWait,
+        self, controller: RunningController, record: Record, found: IdentificationResult, apply: bool,
+        criteria: AcceptanceCriteria, wait: LoopWait,
     ) -> Outcome:  # fmt: skip
-        handover = Handover(self._tap, self._client, wait, controller, terms)
-        outcome = handover.design(found)
+        gain_update = GainUpdate(self._tap, self._client, wait, controller, criteria)
+        outcome = gain_update.design(found)
         if not outcome.success or outcome.model is None:
             return outcome  # what was learnt is not taken over: the next look tries again
         if apply:
             try:
-                outcome = handover.try_out(outcome, _figures(record, controller), outcome.model.noise, ERROR_FACTOR)
+                outcome = gain_update.apply_and_monitor(
+                    outcome, _figures(record, controller), outcome.model.noise, ERROR_FACTOR
+                )
             except BaseException:
-                handover.take_back()
+                gain_update.roll_back()
                 raise
-        self.learnt(outcome.model)
+        self.set_model(outcome.model)
         return outcome
 
 
-def _figures(record: Record, controller: Controller) -> LoopFigures:
+def _figures(record: Record, controller: RunningController) -> LoopPerformance:
     """What the loop did over a record."""
-    meter = LoopMeter(controller.sample_time)
+    meter = PerformanceMeter(controller.sample_time)
     setpoint = record.measurement if record.setpoint is None else record.setpoint
     for wanted, measured, control in zip(setpoint, record.measurement, record.control, strict=True):
         meter.step(float(wanted), float(measured), controller.saturated(float(control)))

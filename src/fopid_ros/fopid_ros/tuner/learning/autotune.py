@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from fopid_core.design.identification.identify import identify
 from fopid_ros.tuner.controller_client import ControllerClient
-from fopid_ros.tuner.learning.handover import Handover, Outcome, Terms, ask_controller
-from fopid_ros.tuner.learning.live_experiment import LiveExperiment, RunningLoop, WantedExperiment
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings, LoopBaseline
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, read_running_controller
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 
@@ -24,17 +24,17 @@ class AutotuneRequest:
 
     Attributes
     ----------
-    experiment : WantedExperiment
+    experiment : ExperimentSettings
     template : str
         Of the model.
-    terms : Terms
+    criteria : AcceptanceCriteria
         What the new gains must fulfil.
     propose_only : bool
     """
 
-    experiment: WantedExperiment
+    experiment: ExperimentSettings
     template: str
-    terms: Terms
+    criteria: AcceptanceCriteria
     propose_only: bool
 
 
@@ -56,11 +56,11 @@ class Autotuner:
     """
 
     def __init__(self, tap: LoopTap, client: ControllerClient, request: AutotuneRequest, wait: LoopWait) -> None:
-        tap.require_free_addend()
-        controller = ask_controller(client)
+        tap.require_exclusive_injection()
+        controller = read_running_controller(client)
         self._tap, self._request, self._wait = tap, request, wait
-        self._experiment = LiveExperiment(tap, wait, RunningLoop(controller), request.experiment)
-        self._handover = Handover(tap, client, wait, controller, request.terms)
+        self._experiment = ClosedLoopExperiment(tap, wait, LoopBaseline(controller), request.experiment)
+        self._gain_update = GainUpdate(tap, client, wait, controller, request.criteria)
 
     def run(self) -> Outcome:
         """Do it; however it ends, the loop is left with gains that are known to hold it.
@@ -75,11 +75,11 @@ class Autotuner:
         try:
             return self._run()
         except BaseException:
-            self._handover.take_back()
+            self._gain_update.roll_back()
             raise
         finally:
-            self._tap.every_tick(None)
-            self._tap.add(0.0)
+            self._tap.set_tick_hook(None)
+            self._tap.inject(0.0)
 
     def _run(self) -> Outcome:
         self._experiment.measure()
@@ -94,19 +94,19 @@ class Autotuner:
         if not outcome.success or self._request.propose_only:
             return outcome
         self._settle()
-        return self._try_out(outcome)
+        return self._apply_and_monitor(outcome)
 
     def _learn(self, began: float) -> Outcome:
         """A model of all that was heard since ``began``, and gains for it."""
-        self._wait.tell(Stage("identifying", 0.6))
+        self._wait.report(Stage("identifying", 0.6))
         found = identify(self._tap.history.record(began), self._request.template)
         if not found.success or found.best is None:
             return Outcome(message=f"nothing was changed: {found.message}", model=found.best)
-        return self._handover.design(found)
+        return self._gain_update.design(found)
 
     def _settle(self) -> None:
         """Wait until the experiment has died out, or for the length of it at most."""
-        near, newest = self._experiment.residue(), Tick(-math.inf, 0.0, 0.0, 0.0)
+        near, newest = self._experiment.residual_transient(), Tick(-math.inf, 0.0, 0.0, 0.0)
         limit, calm_since, setpoint = self._experiment.duration, [math.inf], self._experiment.loop.setpoint
         began: list[float] = []
 
@@ -117,21 +117,23 @@ class Autotuner:
             calm = abs(tick.measurement - setpoint) <= near
             calm_since[0] = min(calm_since[0], tick.time) if calm else math.inf
 
-        self._tap.every_tick(hook)
+        self._tap.set_tick_hook(hook)
         calm_for = 0.1 * limit
         self._wait.until(
             lambda: bool(began) and (newest.time - calm_since[0] >= calm_for or newest.time - began[0] >= limit),
             lambda: Stage("applying", 0.72, deviation=newest.measurement - setpoint, message="letting it settle"),
         )
 
-    def _try_out(self, outcome: Outcome) -> Outcome:
-        loop, residue = self._experiment.loop, self._experiment.residue()
+    def _apply_and_monitor(self, outcome: Outcome) -> Outcome:
+        loop, residual_transient = self._experiment.loop, self._experiment.residual_transient()
         # New gains read the memory of the past anew, which moves the loop a little: that much is allowed.
-        allowed = (MOVED_SHARE * loop.deviation_max) ** 2 / (loop.figures.mean_square + residue**2)
+        allowed = (MOVED_SHARE * loop.deviation_max) ** 2 / (loop.figures.mean_square + residual_transient**2)
 
         def outside(tick: Tick) -> str:
             if tick.setpoint != loop.setpoint or abs(tick.measurement - tick.setpoint) <= loop.deviation_max:
                 return ""
             return f"measurement {tick.measurement:.4g} left the band of {loop.deviation_max:.4g}"
 
-        return self._handover.try_out(outcome, loop.figures, residue, max(allowed, 2.0), outside)
+        return self._gain_update.apply_and_monitor(
+            outcome, loop.figures, residual_transient, max(allowed, 2.0), outside
+        )

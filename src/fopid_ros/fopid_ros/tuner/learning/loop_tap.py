@@ -17,11 +17,11 @@ from fopid_ros.common.parameters import Spec
 from fopid_ros.common.signals import SignalType, signal_specs
 from fopid_ros.tuner.learning.history import SIGNALS, History
 
-ADDEND = "feedforward"
+INJECTION = "feedforward"
 
 SPECS = (
     Spec("history", 600.0, "signals kept for ~/identify and ~/autotune [s]; 0 to listen to none", 0.0, 1e6),
-    *(spec for name in (*SIGNALS, ADDEND) for spec in signal_specs(name)),
+    *(spec for name in (*SIGNALS, INJECTION) for spec in signal_specs(name)),
 )
 _DEEP = 1000
 
@@ -54,21 +54,23 @@ class LoopTap:
 
     def __init__(self, node: ManagedNode, values: dict[str, Any]) -> None:
         self._node = node
-        types = {name: SignalType(values[f"{name}.type"], values[f"{name}.field"]) for name in (*SIGNALS, ADDEND)}
+        types = {name: SignalType(values[f"{name}.type"], values[f"{name}.field"]) for name in (*SIGNALS, INJECTION)}
         self.history = History(values["history"])
         self._hook: Callable[[Tick], None] | None = None
         self._ticked = threading.Condition()
-        self._write = types[ADDEND].writer()
-        self._addend = node.endpoints.publisher(types[ADDEND].message_type, ADDEND, loop_qos(lockstep=False))
+        self._write = types[INJECTION].writer()
+        self._injection_publisher = node.endpoints.publisher(
+            types[INJECTION].message_type, INJECTION, loop_qos(lockstep=False)
+        )
         # Two signals are laid over each other: both by their stamps, or both by when they came.
         self._by_stamps = all(types[name].has_header for name in SIGNALS)
         if values["history"]:
             for name in SIGNALS:
-                self._listen(name, types[name])
+                self._subscribe(name, types[name])
             state = f"{values['controller']}/state"
             node.endpoints.subscription(FopidState, state, self._state, loop_qos(lockstep=False, reliable=False))
 
-    def _listen(self, name: str, kind: SignalType) -> None:
+    def _subscribe(self, name: str, kind: SignalType) -> None:
         def heard(message: Any, info: dict[str, int]) -> None:
             stamp = kind.stamp_ns(message) if self._by_stamps else None
             self._heard(name, (stamp or self._arrival_ns(info)) * 1e-9, kind.read(message))
@@ -99,7 +101,7 @@ class LoopTap:
         if math.isnan(self.history.newest("setpoint")):
             self.history.add("setpoint", self._node.get_clock().now().nanoseconds * 1e-9, message.setpoint)
 
-    def every_tick(self, hook: Callable[[Tick], None] | None) -> None:
+    def set_tick_hook(self, hook: Callable[[Tick], None] | None) -> None:
         """Call ``hook`` at every tick of the controller from now on; None for nobody."""
         self._hook = hook
 
@@ -108,19 +110,19 @@ class LoopTap:
         with self._ticked:
             return self._ticked.wait(timeout)
 
-    def add(self, value: float) -> None:
+    def inject(self, value: float) -> None:
         """Have ``value`` added to the control until told otherwise."""
-        self._addend.publish(self._write(value, self._node.get_clock().now().nanoseconds))
+        self._injection_publisher.publish(self._write(value, self._node.get_clock().now().nanoseconds))
 
-    def require_free_addend(self) -> None:
+    def require_exclusive_injection(self) -> None:
         """Raise InputError if nobody hears the addend, or somebody else sets it."""
-        topic = self._node.resolve_topic_name(ADDEND)
+        topic = self._node.resolve_topic_name(INJECTION)
         others = [
             f"{info.node_namespace.rstrip('/')}/{info.node_name}"
             for info in self._node.get_publishers_info_by_topic(topic)
             if info.node_name != self._node.get_name() or info.node_namespace != self._node.get_namespace()
         ]
         if others:
-            raise InputError(f"{ADDEND} is published by {', '.join(others)}; allowed: nobody, during an autotuning")
-        if not self._addend.get_subscription_count():
-            raise InputError(f"nobody hears {ADDEND}; allowed: a controller that adds it to the control")
+            raise InputError(f"{INJECTION} is published by {', '.join(others)}; allowed: nobody, during an autotuning")
+        if not self._injection_publisher.get_subscription_count():
+            raise InputError(f"nobody hears {INJECTION}; allowed: a controller that adds it to the control")

@@ -11,7 +11,7 @@ from fopid_ros.tuner.learning.loop_tap import LoopTap
 
 STALL_TIME = 10.0
 """A loop without a tick for so long [s of the wall clock] stands still."""
-TELL_PERIOD = 0.2
+REPORT_PERIOD = 0.2
 """How often the one who asked is told [s]."""
 
 
@@ -37,14 +37,14 @@ class LoopWait:
     Parameters
     ----------
     tap : LoopTap
-    tell : callable
+    report : callable
         Called with a ``Stage`` all along.
     cancelled : callable
         Whether an end has been asked for.
     """
 
-    def __init__(self, tap: LoopTap, tell: Callable[[Stage], None], cancelled: Callable[[], bool]) -> None:
-        self._tap, self.tell, self._cancelled = tap, tell, cancelled
+    def __init__(self, tap: LoopTap, report: Callable[[Stage], None], cancelled: Callable[[], bool]) -> None:
+        self._tap, self.report, self._cancelled = tap, report, cancelled
 
     def until(self, done: Callable[[], bool], stage: Callable[[], Stage]) -> None:
         """Wait until it is done.
@@ -56,7 +56,7 @@ class LoopWait:
         InputError
             If the loop stands still.
         """
-        last_tick = last_told = time.monotonic()
+        last_tick = last_report = time.monotonic()
         while not done():
             if self._cancelled():
                 raise CancelledError
@@ -64,6 +64,6 @@ class LoopWait:
                 last_tick = time.monotonic()
             elif time.monotonic() - last_tick > STALL_TIME:
                 raise InputError(f"no control heard for {STALL_TIME:g} s; allowed: a running loop")
-            if time.monotonic() - last_told > TELL_PERIOD:
-                last_told = time.monotonic()
-                self.tell(stage())
+            if time.monotonic() - last_report > REPORT_PERIOD:
+                last_report = time.monotonic()
+                self.report(stage())

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fopid_core.design.frequency.exact_gains import exact_gains, has_one_sign
-from fopid_core.design.frequency.order_square import OrderSquare, frequency_grid
+from fopid_core.design.frequency.order_search import OrderSearch, frequency_grid
 from fopid_core.design.specification import Bound, FrequencySpecification
 from fopid_core.errors import InputError
 from fopid_core.model.process import Process, read_process
@@ -78,9 +78,9 @@ def test_parts_that_pull_against_each_other_are_sorted_out(gains: tuple[float, .
 def test_measures_are_those_of_the_loop_written_out() -> None:
     process = read_process("P1")
     specification = FrequencySpecification(1.2, 0.5, Bound(-20.0, 5.0), Bound(-20.0, 0.02), "flatness")
-    square = OrderSquare(process, specification, frequency_grid(specification, 400))
+    search = OrderSearch(process, specification, frequency_grid(specification, 400))
     gains = exact_gains(process, 1.2, 0.5, [1.1], [0.9])
-    measured = square.measure(gains)
+    measured = search.measure(gains)
     w = np.geomspace(1e-5, 1e4, 40001)
     loop = np.array([loop_at(process, gains[0], x) for x in w])
     s_gain, t_gain = 1.0 / np.abs(1.0 + loop), np.abs(loop / (1.0 + loop))

@@ -13,7 +13,7 @@ _MOST_HALVINGS = 30
 _ROOT = 1e-14  # of a bracket, where a root is found
 
 
-def follow(curve: Callable[[Floats], Complexes], z: Floats) -> tuple[Floats, Complexes]:
+def refine(curve: Callable[[Floats], Complexes], z: Floats) -> tuple[Floats, Complexes]:
     """Put points in until phase and gain change little from each to the next.
 
     Parameters
@@ -31,7 +31,7 @@ def follow(curve: Callable[[Floats], Complexes], z: Floats) -> tuple[Floats, Com
     Examples
     --------
     >>> import numpy as np
-    >>> z, values = follow(lambda z: 1.0 / (1.0 - np.exp(2.0 * z) + 1e-4j), np.linspace(-1.0, 1.0, 3))
+    >>> z, values = refine(lambda z: 1.0 / (1.0 - np.exp(2.0 * z) + 1e-4j), np.linspace(-1.0, 1.0, 3))
     >>> bool(np.max(np.abs(np.angle(values[1:] / values[:-1]))) < 0.5)
     True
     """

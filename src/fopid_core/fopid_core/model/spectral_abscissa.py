@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
+from fopid_core.model.adaptive_grid import refine
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.asymptotics import fast_rate, leading_term
-from fopid_core.model.curves import follow
 from fopid_core.model.quasipolynomial import QuasiPolynomial
 
 _POINTS = 400
@@ -17,7 +17,7 @@ _MOST_TURNS = 20_000
 _FINENESS = 1.02  # the line is found to 2 %
 
 
-def growth_bound(function: QuasiPolynomial, largest: float) -> float:
+def spectral_abscissa_bound(function: QuasiPolynomial, largest: float) -> float:
     """A line Re s = a with no zero to its right, at most 2 % further right than it need be.
 
     Parameters
@@ -33,7 +33,7 @@ def growth_bound(function: QuasiPolynomial, largest: float) -> float:
 
     Examples
     --------
-    >>> round(growth_bound(QuasiPolynomial.polynomial([1.0, -3.0]), largest=100.0), 1)
+    >>> round(spectral_abscissa_bound(QuasiPolynomial.polynomial([1.0, -3.0]), largest=100.0), 1)
     3.0
     """
     low, high = 0.0, 1e-3 * largest
@@ -58,7 +58,7 @@ def _is_clear(function: QuasiPolynomial, line: float) -> bool:
     def curve(z: Floats) -> Complexes:
         return function(line + 1j * np.exp(z)) / lead.coefficient
 
-    z, values = follow(curve, z)
+    z, values = refine(curve, z)
     turned = float(np.angle(values[0] / np.sign(function(line).real / lead.coefficient)))
     turned += float(np.sum(np.angle(values[1:] / values[:-1])))
     end = line + 1j * np.exp(z[-1])

@@ -15,8 +15,8 @@ from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.specification import TuningRequest
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
-from fopid_core.runtime.watch import LoopMeter
-from fopid_ros.tuner.learning.handover import Controller, Handover, Outcome, Terms
+from fopid_core.runtime.performance_monitor import PerformanceMeter
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, RunningController
 from fopid_ros.tuner.learning.history import History
 from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.loop_wait import CancelledError, Stage
@@ -37,7 +37,7 @@ class Running:
         self._measurement, self._cancelled_at = measurement, cancelled_at
         self._hook: Callable[[Tick], None] | None = None
 
-    def every_tick(self, hook: Callable[[Tick], None] | None) -> None:
+    def set_tick_hook(self, hook: Callable[[Tick], None] | None) -> None:
         self._hook = hook
 
     def apply(self, gains: Fopid) -> Fopid:
@@ -45,7 +45,7 @@ class Running:
         self.applied.append(gains)
         return before
 
-    def tell(self, stage: Stage) -> None:
+    def report(self, stage: Stage) -> None:
         self.stages.append(stage)
 
     def until(self, done: Callable[[], bool], stage: Callable[[], Stage]) -> None:
@@ -56,7 +56,7 @@ class Running:
                 raise CancelledError
             assert self._hook is not None
             self._hook(Tick(time, 1.0, self._measurement(time), 0.5))
-            self.tell(stage())
+            self.report(stage())
 
     def _times(self) -> Iterator[float]:
         return (SAMPLE_TIME * k for k in count())
@@ -70,37 +70,37 @@ def learnt() -> IdentificationResult:
     return identify(Record(time, control, measured), "foptd")  # type: ignore[arg-type]
 
 
-def handover_of(running: Running, least_ticks: float = 2.0) -> Handover:
-    controller = Controller(OLD, SAMPLE_TIME, -math.inf, math.inf)
-    terms = Terms(TuningRequest(read_process("P1")), RobustLimits(), least_ticks)
+def handover_of(running: Running, delay_margin_min: float = 2.0) -> GainUpdate:
+    controller = RunningController(OLD, SAMPLE_TIME, -math.inf, math.inf)
+    criteria = AcceptanceCriteria(TuningRequest(read_process("P1")), RobustLimits(), delay_margin_min)
     loop: Any = running
-    return Handover(loop, loop, loop, controller, terms)
+    return GainUpdate(loop, loop, loop, controller, criteria)
 
 
-def handed_over(running: Running, learnt: IdentificationResult) -> tuple[Handover, Outcome]:
-    handover = handover_of(running)
-    outcome = handover.design(learnt)
+def handed_over(running: Running, learnt: IdentificationResult) -> tuple[GainUpdate, Outcome]:
+    gain_update = handover_of(running)
+    outcome = gain_update.design(learnt)
     assert outcome.success, outcome.message
-    return handover, outcome
+    return gain_update, outcome
 
 
 def quiet() -> Any:
-    meter = LoopMeter(SAMPLE_TIME)
+    meter = PerformanceMeter(SAMPLE_TIME)
     for k in range(200):
         meter.step(1.0, 1.0 + 0.01 * math.sin(0.3 * k), saturated=False)
     return meter.figures
 
 
 def test_a_design_that_leaves_too_few_ticks_is_refused(learnt: IdentificationResult) -> None:
-    outcome = handover_of(Running(lambda _: 1.0), least_ticks=1e4).design(learnt)
+    outcome = handover_of(Running(lambda _: 1.0), delay_margin_min=1e4).design(learnt)
     assert not outcome.success
     assert "is below 100 s (verify.ticks)" in outcome.message
 
 
 def test_gains_under_which_the_loop_stays_as_good_are_kept(learnt: IdentificationResult) -> None:
     running = Running(lambda t: 1.0 + 0.005 * math.sin(7.0 * t))
-    handover, outcome = handed_over(running, learnt)
-    tried = handover.try_out(outcome, quiet(), 0.01, 2.0)
+    gain_update, outcome = handed_over(running, learnt)
+    tried = gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     assert tried.success
     assert tried.applied
     assert tried.previous == OLD
@@ -115,8 +115,8 @@ def test_gains_under_which_the_loop_stays_as_good_are_kept(learnt: Identificatio
 )
 def test_the_old_gains_are_back_when_the_loop_got_worse(learnt: IdentificationResult, measurement: Loop) -> None:
     running = Running(measurement)
-    handover, outcome = handed_over(running, learnt)
-    tried = handover.try_out(outcome, quiet(), 0.01, 2.0)
+    gain_update, outcome = handed_over(running, learnt)
+    tried = gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     assert not tried.success
     assert not tried.applied
     assert tried.rolled_back
@@ -126,8 +126,8 @@ def test_the_old_gains_are_back_when_the_loop_got_worse(learnt: IdentificationRe
 
 def test_what_is_not_to_be_borne_ends_the_trial_at_once(learnt: IdentificationResult) -> None:
     running = Running(lambda t: 1.0 + (0.011 if t > 0.2 else 0.0))
-    handover, outcome = handed_over(running, learnt)
-    tried = handover.try_out(
+    gain_update, outcome = handed_over(running, learnt)
+    tried = gain_update.apply_and_monitor(
         outcome, quiet(), 0.01, 2.0, outside=lambda tick: "left its band" if tick.measurement > 1.01 else ""
     )
     assert tried.rolled_back
@@ -137,8 +137,8 @@ def test_what_is_not_to_be_borne_ends_the_trial_at_once(learnt: IdentificationRe
 
 def test_a_trial_that_is_cancelled_can_be_taken_back(learnt: IdentificationResult) -> None:
     running = Running(lambda _: 1.0, cancelled_at=0.1)
-    handover, outcome = handed_over(running, learnt)
+    gain_update, outcome = handed_over(running, learnt)
     with pytest.raises(CancelledError):
-        handover.try_out(outcome, quiet(), 0.01, 2.0)
-    handover.take_back()
+        gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
+    gain_update.roll_back()
     assert running.applied[-1] == OLD

@@ -11,8 +11,13 @@ from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
 from fopid_core.runtime.controller import ControllerSettings, FopidController, with_gains
+from fopid_core.runtime.performance_monitor import (
+    LoopPerformance,
+    MonitorSettings,
+    PerformanceMeter,
+    PerformanceMonitor,
+)
 from fopid_core.runtime.plant import Plant, PlantSettings
-from fopid_core.runtime.watch import LoopFigures, LoopMeter, LoopWatch, WatchSettings
 
 STEP = 0.02
 USUAL = Fopid(kp=0.8, ki=0.35)
@@ -29,7 +34,7 @@ class Running:
         self.plant = Plant(PlantSettings(read_process("P1"), STEP, noise_std=0.01, seed=seed))
         self.time = 0.0
 
-    def tick(self, watcher: LoopMeter | LoopWatch, steps: bool = True) -> None:
+    def tick(self, watcher: PerformanceMeter | PerformanceMonitor, steps: bool = True) -> None:
         setpoint = float(self.time // 20.0 % 2) if steps else 0.0
         measurement = self.plant.measurement
         self.plant.step(self.controller.step(setpoint, measurement))
@@ -37,16 +42,18 @@ class Running:
         self.time += STEP
 
 
-def before(running: Running, steps: bool = True) -> LoopFigures:
-    meter = LoopMeter(STEP)
+def before(running: Running, steps: bool = True) -> LoopPerformance:
+    meter = PerformanceMeter(STEP)
     for _ in range(round(WINDOW / STEP)):
         running.tick(meter, steps)
     return meter.figures
 
 
-def watched(gains: Fopid, seed: int = 0, steps: bool = True, limit: float = math.inf) -> tuple[LoopWatch, Running]:
+def watched(
+    gains: Fopid, seed: int = 0, steps: bool = True, limit: float = math.inf
+) -> tuple[PerformanceMonitor, Running]:
     running = Running(seed, limit)
-    watch = LoopWatch(before(running, steps), WatchSettings(WINDOW, response_time=3.0, noise=0.01), STEP)
+    watch = PerformanceMonitor(before(running, steps), MonitorSettings(WINDOW, response_time=3.0, noise=0.01), STEP)
     running.controller.reconfigure(with_gains(running.controller.settings, gains))
     while not watch.finished:
         running.tick(watch, steps)
@@ -86,8 +93,8 @@ def test_better_gains_are_called_better() -> None:
 
 
 def test_a_control_that_is_at_its_limits_from_now_on_is_worse() -> None:
-    figures = LoopFigures(WINDOW, mean_square=1.0, travel=0.0, oscillation=0.0, saturated=0.05)
-    watch = LoopWatch(figures, WatchSettings(WINDOW, response_time=3.0), STEP)
+    figures = LoopPerformance(WINDOW, mean_square=1.0, travel=0.0, oscillation=0.0, saturated=0.05)
+    watch = PerformanceMonitor(figures, MonitorSettings(WINDOW, response_time=3.0), STEP)
     while not watch.finished:
         watch.step(0.0, 0.5, saturated=True)
     assert watch.verdict == "worse"
@@ -96,7 +103,7 @@ def test_a_control_that_is_at_its_limits_from_now_on_is_worse() -> None:
 
 def test_a_sine_is_an_oscillation_and_noise_is_not() -> None:
     noise = np.random.default_rng(0).standard_normal(5000)
-    sine, random = LoopMeter(STEP), LoopMeter(STEP)
+    sine, random = PerformanceMeter(STEP), PerformanceMeter(STEP)
     for k in range(5000):
         sine.step(0.0, math.sin(0.05 * k) + 0.01 * noise[k], saturated=False)
         random.step(0.0, noise[k], saturated=False)
@@ -107,7 +114,7 @@ def test_a_sine_is_an_oscillation_and_noise_is_not() -> None:
 def test_figures_are_what_numpy_says() -> None:
     rng = np.random.default_rng(1)
     setpoint, measurement, saturated = *rng.standard_normal((2, 300)), rng.random(300) < 0.3
-    meter = LoopMeter(STEP)
+    meter = PerformanceMeter(STEP)
     for values in zip(setpoint, measurement, saturated, strict=True):
         meter.step(values[0], values[1], bool(values[2]))
     figures = meter.figures
@@ -119,10 +126,10 @@ def test_figures_are_what_numpy_says() -> None:
 
 def test_settings_and_signals_that_make_no_sense_are_named() -> None:
     with pytest.raises(InputError, match="window"):
-        WatchSettings(0.0, response_time=1.0)
+        MonitorSettings(0.0, response_time=1.0)
     with pytest.raises(InputError, match="error_factor"):
-        WatchSettings(1.0, response_time=1.0, error_factor=0.5)
+        MonitorSettings(1.0, response_time=1.0, error_factor=0.5)
     with pytest.raises(InputError, match="sample_time"):
-        LoopMeter(0.0)
+        PerformanceMeter(0.0)
     with pytest.raises(InputError, match="measurement = nan"):
-        LoopMeter(STEP).step(0.0, math.nan, saturated=False)
+        PerformanceMeter(STEP).step(0.0, math.nan, saturated=False)

@@ -13,8 +13,8 @@ import numpy as np
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
-from fopid_core.runtime.watch import LoopFigures, LoopMeter
-from fopid_ros.tuner.learning.handover import FEWEST_TICKS, Controller
+from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
+from fopid_ros.tuner.learning.gain_update import TICKS_MIN, RunningController
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 
@@ -29,12 +29,12 @@ WANTED_SHARE, MOST_LARGER, PROBES = 0.35, 10.0, 4
 """Share that a step is meant to make, and how that is approached."""
 MOST_SHARE = 0.6
 """Share that an experiment aims at that is made because the one before said too little."""
-REST_SHARE, SETTLED_SHARE = 0.1, 0.05
+STEADY_STATE_SHARE, SETTLED_SHARE = 0.1, 0.05
 """Share of the allowed deviation, and of the largest one made, that counts as rest."""
 
 
 @dataclass(frozen=True)
-class WantedExperiment:
+class ExperimentSettings:
     """What is asked of it; zeros are chosen from the running loop.
 
     Attributes
@@ -56,12 +56,12 @@ class WantedExperiment:
 
 
 @dataclass
-class RunningLoop:
+class LoopBaseline:
     """The loop before anything is done to it.
 
     Attributes
     ----------
-    controller : Controller
+    controller : RunningController
     setpoint : float
     noise : float
         Standard deviation of the measurement's noise.
@@ -71,21 +71,21 @@ class RunningLoop:
         Of the measurement from the setpoint, on the average.
     drift : float
         By how much that changes from the first half of the time looked at to the second.
-    figures : LoopFigures
+    figures : LoopPerformance
     """
 
-    controller: Controller
+    controller: RunningController
     setpoint: float = 0.0
     noise: float = 0.0
     deviation_max: float = 0.0
-    figures: LoopFigures = field(default_factory=lambda: LoopMeter(1.0).figures)
+    figures: LoopPerformance = field(default_factory=lambda: PerformanceMeter(1.0).figures)
     offset: float = 0.0
     drift: float = 0.0
 
     @property
-    def rests(self) -> bool:
+    def at_steady_state(self) -> bool:
         """Whether the measurement stays near the setpoint, and does not only pass it."""
-        return max(abs(self.offset), abs(self.drift)) <= REST_SHARE * self.deviation_max
+        return max(abs(self.offset), abs(self.drift)) <= STEADY_STATE_SHARE * self.deviation_max
 
 
 def integral_time(gains: Fopid) -> float:
@@ -95,16 +95,16 @@ def integral_time(gains: Fopid) -> float:
     return float(abs(gains.kp / gains.ki) ** (1.0 / gains.lam))
 
 
-class LiveExperiment:
+class ClosedLoopExperiment:
     """Moves the loop within bounds, through what is added to its control.
 
     Parameters
     ----------
     tap : LoopTap
     wait : LoopWait
-    loop : RunningLoop
+    loop : LoopBaseline
         What the controller says of itself; the rest is filled in by ``measure``.
-    wanted : WantedExperiment
+    wanted : ExperimentSettings
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class LiveExperiment:
         How long one experiment takes [s].
     """
 
-    def __init__(self, tap: LoopTap, wait: LoopWait, loop: RunningLoop, wanted: WantedExperiment) -> None:
+    def __init__(self, tap: LoopTap, wait: LoopWait, loop: LoopBaseline, wanted: ExperimentSettings) -> None:
         self.loop = loop
         self._tap, self._wait, self._wanted = tap, wait, wanted
         self._amplitude = self._peak = 0.0
@@ -123,12 +123,12 @@ class LiveExperiment:
         duration = self._wanted.duration or INTEGRAL_TIMES * integral_time(self.loop.controller.gains)
         if not math.isfinite(duration):
             raise InputError("duration = 0; allowed: above 0 s, since the present gains show no time scale")
-        return max(duration, 10 * FEWEST_TICKS * self.loop.controller.sample_time)
+        return max(duration, 10 * TICKS_MIN * self.loop.controller.sample_time)
 
     def measure(self) -> None:
         """The loop as it is, once it rests: where, and how noisy it is."""
         loop, duration = self.loop, self.duration
-        window = max(FEWEST_TICKS * loop.controller.sample_time, 0.05 * duration)
+        window = max(TICKS_MIN * loop.controller.sample_time, 0.05 * duration)
         ticks: deque[Tick] = deque()
         begun: list[float] = []
 
@@ -142,24 +142,24 @@ class LiveExperiment:
             now = list(ticks)
             if not now or now[-1].time - begun[0] < window:
                 return False
-            self._take_rest(now)
-            return loop.rests or now[-1].time - begun[0] > duration
+            self._measure_baseline(now)
+            return loop.at_steady_state or now[-1].time - begun[0] > duration
 
-        self._tap.every_tick(hook)
+        self._tap.set_tick_hook(hook)
         self._wait.until(
             measured, lambda: Stage("measuring", 0.0, deviation=loop.offset, message="waiting until it rests")
         )
-        if not loop.rests:
+        if not loop.at_steady_state:
             off = (
                 f"measurement {loop.offset:+.4g} off the setpoint, drifting by {loop.drift:+.4g}, for {duration:.3g} s"
             )
-            raise InputError(f"{off}; allowed: a loop at rest, {REST_SHARE * loop.deviation_max:.4g} at most")
+            raise InputError(f"{off}; allowed: a loop at rest, {STEADY_STATE_SHARE * loop.deviation_max:.4g} at most")
 
-    def _take_rest(self, ticks: list[Tick]) -> None:
+    def _measure_baseline(self, ticks: list[Tick]) -> None:
         """What the last ticks show of the loop."""
         loop = self.loop
         measured = np.array([tick.measurement for tick in ticks])
-        meter = LoopMeter(loop.controller.sample_time)
+        meter = PerformanceMeter(loop.controller.sample_time)
         for tick in ticks:
             meter.step(tick.setpoint, tick.measurement, loop.controller.saturated(tick.control))
         loop.figures = meter.figures
@@ -187,12 +187,12 @@ class LiveExperiment:
             if ended:
                 return ended
         else:
-            self._amplitude *= min(max(MOST_SHARE * self.loop.deviation_max / self._moved(), 1.0), 3.0)
+            self._amplitude *= min(max(MOST_SHARE * self.loop.deviation_max / self._response_amplitude(), 1.0), 3.0)
         excitation = Excitation(self._settings(self._wanted.excitation, self._amplitude, self.duration))
-        self._drive(excitation, lambda: 0.1 + 0.5 * excitation.progress)
+        self._run_excitation(excitation, lambda: 0.1 + 0.5 * excitation.progress)
         return "" if excitation.completed else excitation.reason
 
-    def _moved(self) -> float:
+    def _response_amplitude(self) -> float:
         """How far the last move took the measurement, noise apart."""
         return max(self._peak - 3.0 * self.loop.noise, 1e-300)
 
@@ -214,10 +214,10 @@ class LiveExperiment:
         amplitude = min([*sizes, 0.05 * (loop.controller.control_max - loop.controller.control_min)])
         for _ in range(PROBES):
             excitation = Excitation(self._settings("step", amplitude, self.duration / 6.0))
-            self._drive(excitation, lambda: 0.05)
+            self._run_excitation(excitation, lambda: 0.05)
             if not excitation.completed:
                 return excitation.reason
-            larger = WANTED_SHARE * loop.deviation_max / self._moved()
+            larger = WANTED_SHARE * loop.deviation_max / self._response_amplitude()
             if larger <= MOST_LARGER:
                 self._amplitude = amplitude * larger
                 return ""
@@ -225,7 +225,7 @@ class LiveExperiment:
         moved = f"the measurement moved by no more than {self._peak:.3g} (noise {loop.noise:.3g})"
         return f"{moved} when the control was moved by {amplitude / MOST_LARGER:.3g}: is the loop closed?"
 
-    def _drive(self, excitation: Excitation, progress: Callable[[], float]) -> None:
+    def _run_excitation(self, excitation: Excitation, progress: Callable[[], float]) -> None:
         """Run an experiment tick by tick, at the pace of the controller."""
         loop, ended, last = self.loop, threading.Event(), [0.0]
         self._peak = 0.0
@@ -240,12 +240,12 @@ class LiveExperiment:
                 excitation.reason = f"the setpoint was changed from {loop.setpoint:g} to {tick.setpoint:g}"
                 added = 0.0
             if added != last[0] or excitation.finished:
-                self._tap.add(added)
+                self._tap.inject(added)
                 last[0] = added
             if excitation.finished:
                 ended.set()
 
-        self._tap.every_tick(hook)
+        self._tap.set_tick_hook(hook)
         whole = excitation.settings.duration
         self._wait.until(ended.is_set, lambda: Stage(
             "exciting", progress(), (1.0 - excitation.progress) * whole,
@@ -253,6 +253,6 @@ class LiveExperiment:
             message=f"{excitation.settings.kind} of {excitation.settings.amplitude:.3g} for {whole:.3g} s",
         ))  # fmt: skip
 
-    def residue(self) -> float:
+    def residual_transient(self) -> float:
         """What may still be left of the experiment when the new gains come."""
         return max(3.0 * self.loop.noise, SETTLED_SHARE * self._peak)

@@ -10,8 +10,8 @@ import numpy as np
 
 from fopid_core.design.identification.fit import Fit, at, fit
 from fopid_core.design.identification.quality import whiteness
-from fopid_core.design.identification.record import Record, held_back
-from fopid_core.design.identification.response import RecordResponse, Start
+from fopid_core.design.identification.record import Record, validation_samples
+from fopid_core.design.identification.response import InitialCondition, RecordResponse
 from fopid_core.design.identification.structure import Structure, structure_of
 from fopid_core.model.arrays import Floats
 
@@ -32,20 +32,20 @@ _NEAR_ZERO = 0.1
 _POLISH = 12
 
 
-def possible_starts(record: Record) -> tuple[Start, ...]:
+def initial_conditions(record: Record) -> tuple[InitialCondition, ...]:
     """Beginnings in the order of preference: at rest, at rest at zero, after a step, not at rest."""
     first = float(record.control[0])
     moved = np.flatnonzero(record.control != first)
     if not moved.size:
-        return (Start(record.control_before or 0.0),)
+        return (InitialCondition(record.control_before or 0.0),)
     if record.control_before is not None:
-        return (Start(record.control_before),)
-    at_rest = [Start(first)] if first == 0.0 else [Start(first), Start(0.0)]
+        return (InitialCondition(record.control_before),)
+    at_rest = [InitialCondition(first)] if first == 0.0 else [InitialCondition(first), InitialCondition(0.0)]
     if abs(record.measurement[0]) <= _NEAR_ZERO * np.ptp(record.measurement):
         at_rest.reverse()
     if _stands_still(record.measurement[: moved[0] + 1]):
         return tuple(at_rest)
-    return (*at_rest, Start(first, step=True), Start(first, step=True, free=True))
+    return (*at_rest, InitialCondition(first, step=True), InitialCondition(first, step=True, free=True))
 
 
 def _stands_still(measurement: Floats) -> bool:
@@ -65,9 +65,9 @@ def rough_fit(record: Record, samples: int) -> Fit:
 
     The beginnings are compared with fractional orders allowed, so that no beginning makes up for a model too simple.
     """
-    open_start = Start(float(record.control[0]), step=True, free=True)
+    open_start = InitialCondition(float(record.control[0]), step=True, free=True)
     table = _scan(RecordResponse(record, structure_of("soptd"), open_start, samples))
-    starts = possible_starts(record)
+    starts = initial_conditions(record)
     lags = [_two_lags(record, start, table, samples) for start in starts]
     if not np.ptp(record.control):
         return lags[0]
@@ -80,9 +80,9 @@ def rough_fit(record: Record, samples: int) -> Fit:
     return lags[int(np.argmax(scores <= scores.min() + _NO_BETTER))]
 
 
-def _two_lags(record: Record, start: Start, table: _Table, samples: int) -> Fit:
+def _two_lags(record: Record, start: InitialCondition, table: _Table, samples: int) -> Fit:
     response = RecordResponse(record, structure_of("soptd"), start, samples)
-    rows = ~held_back(response.time.size)
+    rows = ~validation_samples(response.time.size)
     tried = [fit(response, seed, rows, _POLISH, 1e-3) for seed in table.best(start)]
     return min(tried, key=lambda candidate: candidate.error)
 
@@ -112,7 +112,7 @@ class _Table:
     products: Floats
     first: float  # control
 
-    def best(self, start: Start) -> list[Floats]:
+    def best(self, start: InitialCondition) -> list[Floats]:
         """The point of the grid that leaves least unexplained, and the best with at most half its delay."""
         used = [0, 4] + [1] * start.step + [2, 3] * start.free + [5] * start.ramp
         change = np.eye(7)
@@ -132,7 +132,7 @@ def _scan(response: RecordResponse) -> _Table:
     """A look at two lags with every time constant, damping and delay of a grid."""
     step, span = float(response.time[1]), float(response.time[-1])
     delays = np.concatenate([[0.0], np.geomspace(step, 0.5 * span, _DELAYS - 1)])
-    rows = ~held_back(response.time.size)
+    rows = ~validation_samples(response.time.size)
     common = np.stack([np.ones(rows.sum()), response.time[rows] / span, response.measurement[rows]])
     seeds, products = [], []
     for log_tau in np.linspace(math.log(0.5 * step), math.log(2.0 * span), _TIME_CONSTANTS).tolist():
@@ -145,7 +145,7 @@ def _scan(response: RecordResponse) -> _Table:
     return _Table(np.array(seeds), np.concatenate(products), response.start.before)
 
 
-def starts_for(structure: Structure, rough: Fit, simpler: list[Fit]) -> list[Floats]:
+def initial_parameters(structure: Structure, rough: Fit, simpler: list[Fit]) -> list[Floats]:
     """Where to begin with a structure, from two lags and from simpler structures that were fitted before."""
     log_tau, log_c, delay = rough.x
     lag, rest = log_tau + max(log_c, math.log(1.5)), math.exp(log_tau - max(log_c, 0.0))
@@ -164,10 +164,10 @@ def starts_for(structure: Structure, rough: Fit, simpler: list[Fit]) -> list[Flo
             one = known["nioptd1"]
             starts.append(np.array([one[0], math.log(0.1), one[1], 0.5 * one[1], one[2]]))
         return starts
-    return _rational_starts(structure, rough)
+    return _rational_initial_parameters(structure, rough)
 
 
-def _rational_starts(structure: Structure, rough: Fit) -> list[Floats]:
+def _rational_initial_parameters(structure: Structure, rough: Fit) -> list[Floats]:
     """Two lags slower or faster than the rough ones, and more beside them: of each damping and delay the best."""
     log_tau, log_c, delay = rough.x
     response = rough.response.of(structure)

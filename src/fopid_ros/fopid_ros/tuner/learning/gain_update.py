@@ -6,25 +6,25 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from fopid_core.design.acceptance import refusal
+from fopid_core.design.acceptance import rejection_reason
 from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel
 from fopid_core.design.robust_verification import RobustLimits, RobustTuning, tune_robustly
 from fopid_core.design.specification import TuningRequest
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
-from fopid_core.runtime.watch import LoopFigures, LoopWatch, WatchSettings
+from fopid_core.runtime.performance_monitor import LoopPerformance, MonitorSettings, PerformanceMonitor
 from fopid_ros.tuner.controller_client import GAINS, ControllerClient
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 
-FEWEST_TICKS = 30
+TICKS_MIN = 30
 """What lasts fewer ticks tells nothing."""
-RESPONSES_WATCHED = 10.0
+MONITORED_RESPONSES = 10.0
 """How long new gains are watched, in response times."""
 
 
 @dataclass(frozen=True)
-class Terms:
+class AcceptanceCriteria:
     """What new gains must fulfil.
 
     Attributes
@@ -33,13 +33,13 @@ class Terms:
         Its process and sample time give way to those of the loop.
     limits : RobustLimits
         What must hold on every process that the record leaves possible.
-    least_ticks : float
+    delay_margin_min : float
         Delay margin that they must leave, in ticks.
     """
 
     tuning: TuningRequest
     limits: RobustLimits
-    least_ticks: float
+    delay_margin_min: float
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Controller:
+class RunningController:
     """What the running controller says of itself.
 
     Attributes
@@ -77,7 +77,7 @@ class Controller:
         return not self.control_min < control < self.control_max
 
 
-def ask_controller(client: ControllerClient) -> Controller:
+def read_running_controller(client: ControllerClient) -> RunningController:
     """The running controller, which must be in automatic mode.
 
     Raises
@@ -88,45 +88,54 @@ def ask_controller(client: ControllerClient) -> Controller:
     *gains, sample_time, low, high, mode = client.get(*GAINS, "sample_time", "control_min", "control_max", "mode")
     if mode != "auto":
         raise InputError(f"mode = {mode!r} of the controller; allowed: auto, since the loop stays closed")
-    return Controller(Fopid(*gains), sample_time, low, high)
+    return RunningController(Fopid(*gains), sample_time, low, high)
 
 
-class Handover:
-    """Designs gains for the running loop and tries them out; ``take_back`` undoes it.
+class GainUpdate:
+    """Designs gains for the running loop and tries them out; ``roll_back`` undoes it.
 
     Parameters
     ----------
     tap : LoopTap
     client : ControllerClient
     wait : LoopWait
-    controller : Controller
-    terms : Terms
+    controller : RunningController
+    criteria : AcceptanceCriteria
     """
 
     def __init__(
-        self, tap: LoopTap, client: ControllerClient, wait: LoopWait, controller: Controller, terms: Terms
+        self,
+        tap: LoopTap,
+        client: ControllerClient,
+        wait: LoopWait,
+        controller: RunningController,
+        criteria: AcceptanceCriteria,
     ) -> None:
         self._tap, self._client, self._wait = tap, client, wait
-        self._controller, self._terms = controller, terms
-        self._applied_over: Fopid | None = None
+        self._controller, self._criteria = controller, criteria
+        self._previous_gains: Fopid | None = None
 
     def design(self, found: IdentificationResult) -> Outcome:
         """Gains for what was learnt, verified on all that the record leaves possible."""
-        self._wait.tell(Stage("tuning", 0.65, fit_pct=found.best.fit_pct if found.best else 0.0, message=found.message))
-        wanted = replace(self._terms.tuning, sample_time=self._controller.sample_time)
-        tuned = tune_robustly(found, wanted, self._terms.limits)
-        self._wait.tell(Stage("verifying", 0.7, message=tuned.message))
+        self._wait.report(
+            Stage("tuning", 0.65, fit_pct=found.best.fit_pct if found.best else 0.0, message=found.message)
+        )
+        wanted = replace(self._criteria.tuning, sample_time=self._controller.sample_time)
+        tuned = tune_robustly(found, wanted, self._criteria.limits)
+        self._wait.report(Stage("verifying", 0.7, message=tuned.message))
         outcome = Outcome(model=found.best, tuned=tuned)
         if not tuned.success or tuned.tuning is None:
             return replace(outcome, message=f"nothing was changed: {tuned.message}")
         # The limits on what the record leaves possible stand in for that on max |S| of the one design.
-        refused = refusal(tuned.tuning, self._controller.sample_time, math.inf, self._terms.least_ticks)
+        refused = rejection_reason(
+            tuned.tuning, self._controller.sample_time, math.inf, self._criteria.delay_margin_min
+        )
         if refused:
             return replace(outcome, message=refused)
         return replace(outcome, success=True, message=tuned.message)
 
-    def try_out(
-        self, outcome: Outcome, before: LoopFigures, residue: float, error_factor: float,
+    def apply_and_monitor(
+        self, outcome: Outcome, before: LoopPerformance, residual_transient: float, error_factor: float,
         outside: Callable[[Tick], str] = lambda _: "",
     ) -> Outcome:  # fmt: skip
         """Apply a design and watch the loop; the gains from before come back if it gets worse.
@@ -135,9 +144,9 @@ class Handover:
         ----------
         outcome : Outcome
             Of ``design``, with success.
-        before : LoopFigures
+        before : LoopPerformance
             What the loop did with the gains it has.
-        residue : float
+        residual_transient : float
             Error that is not the new gains' fault: noise, and what dies out of before.
         error_factor : float
             By how much the mean square of the error may grow.
@@ -147,20 +156,20 @@ class Handover:
         design = outcome.tuned.tuning if outcome.tuned else None
         if design is None or design.controller is None or design.achieved is None:
             raise InputError("a tuning without gains; allowed: one that succeeded")
-        self._wait.tell(Stage("applying", 0.75, message=str(design.controller)))
-        self._applied_over = self._client.apply(design.controller)
+        self._wait.report(Stage("applying", 0.75, message=str(design.controller)))
+        self._previous_gains = self._client.apply(design.controller)
         response_time = 2.0 / design.achieved.crossover
-        window = max(RESPONSES_WATCHED * response_time, 2 * FEWEST_TICKS * self._controller.sample_time)
-        settings = WatchSettings(window, response_time, error_factor=error_factor, noise=residue)
-        watch = self._watch(LoopWatch(before, settings, self._controller.sample_time), outside)
-        applied = replace(outcome, applied=True, previous=self._applied_over)
+        window = max(MONITORED_RESPONSES * response_time, 2 * TICKS_MIN * self._controller.sample_time)
+        settings = MonitorSettings(window, response_time, error_factor=error_factor, noise=residual_transient)
+        watch = self._watch(PerformanceMonitor(before, settings, self._controller.sample_time), outside)
+        applied = replace(outcome, applied=True, previous=self._previous_gains)
         if watch.verdict != "worse":
             return replace(applied, message=f"{outcome.message}; applied and watched: {watch.reason}")
-        self.take_back()
+        self.roll_back()
         return replace(applied, success=False, applied=False, rolled_back=True,
                        message=f"the previous gains are back, since the loop got worse: {watch.reason}")  # fmt: skip
 
-    def _watch(self, watch: LoopWatch, outside: Callable[[Tick], str]) -> LoopWatch:
+    def _watch(self, watch: PerformanceMonitor, outside: Callable[[Tick], str]) -> PerformanceMonitor:
         window = watch.settings.window
 
         def hook(tick: Tick) -> None:
@@ -175,15 +184,15 @@ class Handover:
             return Stage("watching", 0.75 + 0.25 * min(done / window, 1.0), window - done, deviation,
                          message=watch.reason)  # fmt: skip
 
-        self._tap.every_tick(hook)
+        self._tap.set_tick_hook(hook)
         try:
             self._wait.until(lambda: watch.finished, stage)
         finally:
-            self._tap.every_tick(None)
+            self._tap.set_tick_hook(None)
         return watch
 
-    def take_back(self) -> None:
+    def roll_back(self) -> None:
         """The gains from before, where others have been applied."""
-        if self._applied_over is not None:
-            self._client.apply(self._applied_over)
-            self._applied_over = None
+        if self._previous_gains is not None:
+            self._client.apply(self._previous_gains)
+            self._previous_gains = None

@@ -20,7 +20,7 @@ _FEWEST_SWINGS = 6
 
 
 @dataclass(frozen=True)
-class LoopFigures:
+class LoopPerformance:
     """What a loop did over a stretch of time.
 
     Attributes
@@ -44,7 +44,7 @@ class LoopFigures:
     saturated: float
 
 
-class LoopMeter:
+class PerformanceMeter:
     """Figures of a running loop, tick by tick, in constant memory.
 
     Parameters
@@ -54,7 +54,7 @@ class LoopMeter:
 
     Examples
     --------
-    >>> meter = LoopMeter(0.1)
+    >>> meter = PerformanceMeter(0.1)
     >>> for k in range(400):
     ...     meter.step(0.0, math.sin(0.3 * k), saturated=False)
     >>> meter.figures.oscillation, round(meter.figures.mean_square, 2)
@@ -97,11 +97,11 @@ class LoopMeter:
         self._area = self._length = 0.0
 
     @property
-    def figures(self) -> LoopFigures:
+    def figures(self) -> LoopPerformance:
         """What the loop did so far."""
         ticks = max(self._ticks, 1)
         oscillation = self._alike / (self._swings - 2) if self._swings >= _FEWEST_SWINGS else 0.0
-        return LoopFigures(
+        return LoopPerformance(
             duration=self._ticks * self._h,
             mean_square=self._squares / ticks,
             travel=self._travel,
@@ -111,7 +111,7 @@ class LoopMeter:
 
 
 @dataclass(frozen=True)
-class WatchSettings:
+class MonitorSettings:
     """What counts as worse.
 
     Attributes
@@ -144,7 +144,7 @@ class WatchSettings:
                 raise InputError(f"{name} = {value}; allowed: a finite number above {least:g}")
 
 
-class LoopWatch:
+class PerformanceMonitor:
     """Watches a loop after a change: ``verdict = watch.step(setpoint, measurement, saturated)``.
 
     ``worse`` may come at any tick, and stays; ``better`` or, with an error between as large and the factor larger,
@@ -152,9 +152,9 @@ class LoopWatch:
 
     Parameters
     ----------
-    before : LoopFigures
+    before : LoopPerformance
         Of the loop before the change.
-    settings : WatchSettings
+    settings : MonitorSettings
     sample_time : float
         [s]
 
@@ -165,14 +165,14 @@ class LoopWatch:
         What the verdict rests on.
     """
 
-    def __init__(self, before: LoopFigures, settings: WatchSettings, sample_time: float) -> None:
+    def __init__(self, before: LoopPerformance, settings: MonitorSettings, sample_time: float) -> None:
         self.before, self.settings = before, settings
         self.verdict: Verdict = "undecided"
         self.reason = ""
-        self._meter = LoopMeter(sample_time)
+        self._meter = PerformanceMeter(sample_time)
 
     @property
-    def figures(self) -> LoopFigures:
+    def figures(self) -> LoopPerformance:
         """Of the loop since the change."""
         return self._meter.figures
 
@@ -187,7 +187,7 @@ class LoopWatch:
             return self.verdict
         self._meter.step(setpoint, measurement, saturated)
         found = self.figures
-        tests: tuple[Callable[[LoopFigures], str], ...] = (self._error, self._oscillation, self._saturation)
+        tests: tuple[Callable[[LoopPerformance], str], ...] = (self._error, self._oscillation, self._saturation)
         self.reason = next((reason for test in tests if (reason := test(found))), "")
         if self.reason:
             self.verdict = "worse"
@@ -195,32 +195,32 @@ class LoopWatch:
             self._conclude(found)
         return self.verdict
 
-    def _explained(self, found: LoopFigures) -> float:
+    def _explained(self, found: LoopPerformance) -> float:
         """Integral of the squared error that the old loop, and the setpoint's moves, would have over the window."""
         settings = self.settings
         floor = self.before.mean_square + settings.noise**2
         return settings.error_factor * floor * settings.window + found.travel * settings.response_time
 
-    def _error(self, found: LoopFigures) -> str:
+    def _error(self, found: LoopPerformance) -> str:
         if found.mean_square * found.duration <= self._explained(found):
             return ""
         was, now = math.sqrt(self.before.mean_square), math.sqrt(found.mean_square)
         return f"the error's root mean square went from {was:.3g} to {now:.3g}"
 
-    def _oscillation(self, found: LoopFigures) -> str:
+    def _oscillation(self, found: LoopPerformance) -> str:
         settings = self.settings
         grown = found.mean_square > max(self.before.mean_square, 4.0 * settings.noise**2)
         if not grown or found.oscillation <= max(settings.oscillation, self.before.oscillation):
             return ""
         return f"the loop oscillates: {found.oscillation:.0%} of the error's swings are like the one before"
 
-    def _saturation(self, found: LoopFigures) -> str:
+    def _saturation(self, found: LoopPerformance) -> str:
         more = found.saturated - self.before.saturated
         if more <= self.settings.saturation or found.duration < 0.5 * self.settings.window:
             return ""
         return f"the control is at a limit {found.saturated:.0%} of the time, {self.before.saturated:.0%} before"
 
-    def _conclude(self, found: LoopFigures) -> None:
+    def _conclude(self, found: LoopPerformance) -> None:
         allowed = self.before.mean_square + self.settings.noise**2
         allowed += found.travel * self.settings.response_time / self.settings.window
         if found.mean_square <= allowed:

@@ -49,7 +49,7 @@ def _range(descriptor: ParameterDescriptor) -> tuple[float | None, float | None]
     return None, None
 
 
-class Remote:
+class RemoteParameters:
     """Some of another node's parameters, kept up to date.
 
     Parameters
@@ -94,7 +94,7 @@ class Remote:
         self.ranges: dict[str, tuple[float | None, float | None]] = {}
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_event, 100)
 
-    async def look(self) -> None:
+    async def poll(self) -> None:
         """See whether it is there; read everything when it is there anew, and now and then, lest an event was lost."""
         lives = self._processes() if self._client.services_are_ready() else set()
         if lives and lives <= self._lives and time.monotonic() < self._read_again:

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 
-SIMULATED_BELOW = 1_000_000_000 * 1_000_000_000
+SIM_TIME_LIMIT_NS = 1_000_000_000 * 1_000_000_000
 """Stamps from 2001 on [ns] are of a wall clock, and no instants of a loop that counts from 0."""
 
 
-class Ahead:
+class PendingValues:
     """Values that wait for their sample; a whole stretch of a profile can be sent before the loop runs through it."""
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[int, float]] = deque()
         self._now = -1
 
-    def waits(self, stamp_ns: int | None, value: float) -> bool:
+    def defer(self, stamp_ns: int | None, value: float) -> bool:
         """Keep a value for later, unless it counts at once: no stamp, a past one, or a wall clock's."""
-        if not stamp_ns or not self._now < stamp_ns < SIMULATED_BELOW:
+        if not stamp_ns or not self._now < stamp_ns < SIM_TIME_LIMIT_NS:
             return False
         self._waiting.append((stamp_ns, value))
         return True

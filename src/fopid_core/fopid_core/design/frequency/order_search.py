@@ -1,4 +1,4 @@
-"""The designs of the whole square of orders: one for every (lam, mu), measured in batches, the best by zooming in."""
+"""The designs of the whole plane of orders: one for every (lam, mu), measured in batches, the best by zooming in."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopid_core.design.control_peak import first_control
-from fopid_core.design.frequency.exact_gains import ControllerWish, has_one_sign
+from fopid_core.design.frequency.exact_gains import ControllerTarget, has_one_sign
 from fopid_core.design.specification import FrequencySpecification
 from fopid_core.model.process import Process
 from fopid_core.model.stability import stable_mask
@@ -101,7 +101,7 @@ class Designs:
         """All batches as one."""
         return Designs(np.concatenate([self.table, *(other.table for other in others)]))
 
-    def excess(self, specification: FrequencySpecification) -> Real:
+    def violation(self, specification: FrequencySpecification) -> Real:
         """How far each design is above the bound it breaks most [dB]; negative when it breaks none."""
         worst = np.full(len(self), -np.inf)
         for bound, db in ((specification.t_max, self.t_db), (specification.s_max, self.s_db)):
@@ -117,7 +117,7 @@ INADMISSIBLE = 1e9
 """Merit of a design that is not admissible; more the further it is from being so, which leads to those that are."""
 
 
-class OrderSquare:
+class OrderSearch:
     """The designs for one process and one specification, on one grid of frequencies.
 
     Parameters
@@ -132,7 +132,7 @@ class OrderSquare:
         self.process, self.specification, self.w = process, specification, w
         self.evaluations = 0
         self._sorts_out_unstable = False
-        self._wish = ControllerWish.of(process, specification.phase_margin, specification.crossover)
+        self._target = ControllerTarget.of(process, specification.phase_margin, specification.crossover)
         self._p = process(1j * w)
         self._log_w = np.log(w)
         t_max, s_max = specification.t_max, specification.s_max
@@ -145,15 +145,15 @@ class OrderSquare:
     def _up_to(self, w: float) -> slice:
         return slice(0, int(np.searchsorted(self.w, w, side="right")))
 
-    def refined(self, more: Real) -> OrderSquare:
+    def refined(self, more: Real) -> OrderSearch:
         """The same with more frequencies."""
-        finer = OrderSquare(self.process, self.specification, np.union1d(self.w, more))
+        finer = OrderSearch(self.process, self.specification, np.union1d(self.w, more))
         finer.evaluations = self.evaluations
         return finer
 
     @cached_property
     def _survey(self) -> Designs:
-        """The designs on a grid over the whole square, stable or not."""
+        """The designs on a grid over the whole plane, stable or not."""
         return self.designs(np.stack([axis.ravel() for axis in np.meshgrid(AXIS, AXIS, indexing="ij")], axis=1))
 
     @cached_property
@@ -161,7 +161,7 @@ class OrderSquare:
         return self._survey[stable_mask(self.process, self._survey.gains)] if len(self._survey) else self._survey
 
     def best(self, merit: Merit, enough: float = -math.inf) -> Designs | None:
-        """The admissible design of lowest merit in the whole square (bounds aside), or None without any.
+        """The admissible design of lowest merit in the whole plane (bounds aside), or None without any.
 
         A design on the grid with a merit of ``enough`` or less will do.
         """
@@ -197,10 +197,10 @@ class OrderSquare:
         return next((design for design in rows if stable_mask(self.process, design.gains)[0]), None)
 
     def designs(self, orders: Real) -> Designs:
-        """The designs at those rows (lam, mu) that lie in the square, with gains of one sign."""
+        """The designs at those rows (lam, mu) that lie in it, with gains of one sign."""
         self.evaluations += len(orders)
         lam, mu = orders[((orders > 0.0) & (orders <= 2.0)).all(axis=1)].T
-        gains = self._wish.gains(lam, mu)
+        gains = self._target.gains(lam, mu)
         gains = gains[np.isfinite(gains).all(axis=1)]
         gains = gains[has_one_sign(gains)]
         if self._sorts_out_unstable and len(gains):
