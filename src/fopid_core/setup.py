@@ -36,6 +36,10 @@ setup(
         "scipy",
         "zstandard",
     ],
-    extras_require={"cluster": ["distributed"], "test": ["hypothesis", "mpmath", "pytest"]},
+    extras_require={
+        "certify": ["python-flint"],
+        "cluster": ["distributed"],
+        "test": ["hypothesis", "mpmath", "pytest"],
+    },
     entry_points={"console_scripts": ["fopid = fopid_core.cli.main:main"]},
 )

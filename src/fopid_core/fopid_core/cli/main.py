@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fopid_core.cli.campaign import campaign_verb
+from fopid_core.cli.certify import certify_verb
 from fopid_core.cli.export import export_verb
 from fopid_core.cli.identify import identify_verb
 from fopid_core.cli.options import ARGUMENTS, as_json, process_argument
@@ -78,6 +79,7 @@ main.add_command(reproduce_verb)
 main.add_command(identify_verb)
 main.add_command(export_verb)
 main.add_command(simulate_verb)
+main.add_command(certify_verb)
 main.add_command(campaign_verb)
 
 

@@ -1,0 +1,123 @@
+"""The verb ``fopid certify``: prove a loop stable and within bounds, and check such a proof."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json
+from fopid_core.cli.output import emit
+from fopid_core.design.certificate import require_ball_arithmetic
+from fopid_core.errors import InputError
+
+if TYPE_CHECKING:
+    from fopid_core.design.certificate.enclosure import Bounds
+    from fopid_core.design.certificate.prover import Certification
+
+
+@click.command("certify", context_settings=ARGUMENTS)
+@click.argument("process", required=False)
+@click.option("--gains", metavar="KP,KI,KD,LAM,MU", help="The controller's five numbers.")
+@click.option("--ms-max", type=float, metavar="X", help="Prove max |S| <= X, too.")
+@click.option("--mt-max", type=float, metavar="X", help="Prove max |T| <= X, too.")
+@click.option("--noise-max", type=float, metavar="X", help="Prove |C S| <= X, too, up to the Nyquist frequency.")
+@click.option("--sample-time", type=float, default=0.01, show_default=True, help="That frequency is pi over this [s].")
+@click.option("--box", multiple=True, metavar="NAME=LOW,HIGH", help="For all values of a parameter; may be repeated.")
+@click.option("--effort", type=float, default=60.0, show_default=True, metavar="S", help="Give up after this long [s].")
+@click.option("--precision", type=int, default=128, show_default=True, metavar="BITS", help="Of the ball arithmetic.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write the certificate.")
+@click.option("--check", "checked", type=click.Path(path_type=Path), metavar="FILE", help="Check one instead.")
+@as_json
+def certify_verb(
+    process: str | None, gains: str | None, checked: Path | None, out: Path | None, as_json: bool, **options: Any
+) -> None:
+    """Prove with ball arithmetic that a loop is stable and within bounds, or that it is not.
+
+    With --box the parameters of PROCESS are intervals: those it names, as in "K/(T*s+1)*exp(-L*s)", or without names
+    those of its template (K, T, L; K, a1, a0, L; ...), or K, the steady-state gain, and L, the delay.
+    """
+    require_ball_arithmetic()
+    if checked is not None:
+        accepted = _check(checked, as_json)
+    elif process is None or gains is None:
+        raise InputError("certify without PROCESS and --gains; allowed: these, or --check FILE")
+    else:
+        accepted = _certify(process, gains, out, as_json, options)
+    if not accepted:
+        click.get_current_context().exit(CANNOT_BE_MET)
+
+
+def _certify(process: str, gains: str, out: Path | None, as_json: bool, options: dict[str, Any]) -> bool:
+    from fopid_core.design.certificate.prover import certify
+    from fopid_core.design.certificate.subdivision import Effort
+    from fopid_core.model.fopid import read_gains
+
+    if not options["effort"] > 0.0:
+        raise InputError(f"effort = {options['effort']}; allowed: above 0 s")
+    if not 53 <= options["precision"] <= 4096:
+        raise InputError(f"precision = {options['precision']}; allowed: 53 to 4096 bits")
+    effort = Effort(seconds=options["effort"])
+    found = certify(_family(process), read_gains(gains), _bounds(options), effort, options["precision"])
+    if out is not None and found.document is not None:
+        out.write_text(found.document + "\n", encoding="utf-8")
+    rows = certificate_rows(found) | {"certificate": str(out) if out and found.document else None}
+    claims = {name: value for name, value in rows.pop("claims").items() if value is not None}
+    emit(rows | {"claims": claims}, [("Certificate", rows), ("Claims", claims)], as_json)
+    return found.certified is True
+
+
+def _family(process: str) -> Any:
+    from fopid_core.design.certificate.family import Family
+    from fopid_core.model.process import read_process
+
+    return Family.of(read_process(process))
+
+
+def _bounds(options: dict[str, Any]) -> Bounds:
+    from fopid_core.design.certificate.enclosure import Bounds
+
+    for name, least in (("ms_max", 1.0), ("mt_max", 0.0), ("noise_max", 0.0), ("sample_time", 0.0)):
+        value = options[name]
+        if value is not None and not least < value < math.inf:
+            raise InputError(f"{name.replace('_', '-')} = {value}; allowed: a finite number above {least:g}")
+    band = math.pi / options["sample_time"] if options["noise_max"] is not None else None
+    return Bounds(options["ms_max"], options["mt_max"], options["noise_max"], band)
+
+
+def certificate_rows(found: Certification) -> dict[str, Any]:
+    """What the command line says of a certification."""
+    from fopid_core.design.certificate.prover import claims_of
+
+    return {
+        "certified": found.certified,
+        "claims": claims_of(found.bounds),
+        "reason": found.reason,
+        "elapsed_s": found.elapsed,
+    }
+
+
+def _check(path: Path, as_json: bool) -> bool:
+    from fopid_core.design.certificate.checker import check
+
+    try:
+        text = path.read_bytes().decode(errors="replace")
+    except OSError as error:
+        raise InputError(f"certificate {str(path)!r} cannot be read: {error.strerror}") from None
+    objection = check(text)
+    content = {} if objection else json.loads(text)
+    told = {name: content[name] for name in ("gains", "claims", "parameters") if content}
+    verdict = {"accepted": not objection, "reason": objection or "every piece is proved"}
+    emit(verdict | told, [("Certificate", verdict), *_shown(told)], as_json)
+    return not objection
+
+
+def _shown(told: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    if not told:
+        return []
+    gains = dict(zip(("kp", "ki", "kd", "lam", "mu"), told["gains"], strict=True))
+    box = {name: (low, high) for name, low, high in told["parameters"]}
+    return [("Gains", gains), ("Claims", told["claims"]), *([("Box", box)] if box else [])]

@@ -1,0 +1,81 @@
+"""``fopid certify`` keeps the contract: its keys, its exit status, and files that it checks again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from fopid_core.cli.main import main
+
+GAINS = ("--gains", "2.9692,0.8028,1.3394,1.0138,0.6074")
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(main, ["certify", *arguments])
+
+
+def answer(*arguments: str, status: int = 0) -> dict[str, Any]:
+    result = run(*arguments, "--json")
+    assert (result.exit_code, result.stderr) == (status, "")
+    found: dict[str, Any] = json.loads(result.stdout)
+    return found
+
+
+def test_a_proof_is_written_and_checked(tmp_path: Path) -> None:
+    path = tmp_path / "proof.json"
+    found = answer("P1", *GAINS, "--ms-max", "2.2", "--mt-max", "1.7", "--noise-max", "60", "--out", str(path))
+    assert found.keys() >= {"certified", "claims", "reason", "elapsed_s"}
+    assert found["certified"] is True
+    assert found["claims"]["ms_max"] == 2.2
+    checked = answer("--check", str(path))
+    assert (checked["accepted"], checked["claims"]["ms_max"]) == (True, 2.2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("2.2", "2.1"), ("2.9692", "2.9693"), ("true", "false"), ("{", "["), ("}", "")]
+)
+def test_a_changed_file_is_not_accepted(tmp_path: Path, old: str, new: str) -> None:
+    path = tmp_path / "proof.json"
+    answer("P1", *GAINS, "--ms-max", "2.2", "--out", str(path))
+    path.write_text(path.read_text().replace(old, new))
+    assert answer("--check", str(path), status=3)["accepted"] is False
+
+
+def test_bytes_that_are_no_text_are_not_accepted(tmp_path: Path) -> None:
+    path = tmp_path / "proof.json"
+    path.write_bytes(b"\xff\xfe\x00{")
+    assert answer("--check", str(path), status=3)["accepted"] is False
+
+
+def test_what_is_false_is_refuted_and_nothing_written(tmp_path: Path) -> None:
+    path = tmp_path / "proof.json"
+    found = answer("P1", "--gains", "9,0,0,1,1", "--out", str(path), status=3)
+    assert (found["certified"], found["reason"]) == (False, "unstable: 2 poles in the right half-plane")
+    assert not path.exists()
+
+
+def test_what_is_not_known_is_null() -> None:
+    found = answer("1/(s+1)^3", "--gains", "8,0,0,1,1", status=3)
+    assert found["certified"] is None
+    assert "too near" in found["reason"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "certify without PROCESS and --gains"),
+        (("P1",), "certify without PROCESS and --gains"),
+        (("P1", *GAINS, "--ms-max", "0.9"), "ms-max = 0.9; allowed: a finite number above 1"),
+        (("P1", *GAINS, "--precision", "4"), "precision = 4; allowed: 53 to 4096 bits"),
+        (("--check", "no such file"), "'no such file' cannot be read"),
+    ],
+)
+def test_bad_input_is_one_line(arguments: tuple[str, ...], said: str) -> None:
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert len(result.stderr.splitlines()) == 1
