@@ -9,7 +9,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
 venv=$root/.venv
 stamp=$venv/.complete
-shared_files=(src/fopid_ros/launch/*.launch.py config/**/*.yaml layouts/*)
+shared_files=(src/fopid_ros/launch/*.launch.* config/**/*.yaml layouts/*)
 mkdir -p build
 
 say() { printf '[venv] %s\n' "$*"; }

@@ -55,7 +55,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
-        *shared("launch", "*.launch.py"),
+        *shared("launch", "*.launch.*"),
         # `config` and `layouts` are links to the repository's own folders of these names.
         *shared("config", "*.yaml"),
         *shared("layouts", "*.*"),

@@ -68,7 +68,7 @@ def test_command_fopid_shows_its_help():
 
 def test_launch_files_are_installed():
     installed = tree(INSTALL / "fopid_ros" / "share" / "fopid_ros" / "launch", "*")
-    assert installed == tree(ROOT / "src" / "fopid_ros" / "launch", "*.launch.py")
+    assert installed == tree(ROOT / "src" / "fopid_ros" / "launch", "*.launch.*")
     assert installed
 
 

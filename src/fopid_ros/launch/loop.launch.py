@@ -1,19 +1,41 @@
-"""Plant simulator, controller and tuner with one parameter file: ``process:=P1`` ... ``P4``."""
+"""Plant simulator, controller and tuner in real time.
+
+``ros2 launch fopid_ros loop.launch.py process:="2/(s+1)^3"``
+"""
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from launch_ros.substitutions import FindPackageShare
+
+from fopid_ros.launching.actions import (
+    PROCESS,
+    alone,
+    argument,
+    checked,
+    common_arguments,
+    fail_with_any_node,
+    given,
+    managed_node,
+)
+from fopid_ros.launching.loop import loop_parameters
+
+
+def start(context):
+    """The three nodes, when no other loop is on their topics."""
+    parameters = loop_parameters(given(context, "process"), given(context, "params_file"))
+    alone(context)
+    return [managed_node(context, name, own) for name, own in parameters.items()]
 
 
 def generate_launch_description():
     """Start the three nodes of a loop."""
-    name = [LaunchConfiguration("process"), ".yaml"]
-    parameters = PathJoinSubstitution([FindPackageShare("fopid_ros"), "config", name])
-    executables = ("plant_simulator", "fopid_controller", "fopid_tuner")
-    nodes = [
-        Node(package="fopid_ros", executable=name, name=name, parameters=[parameters], output="screen")
-        for name in executables
-    ]
-    return LaunchDescription([DeclareLaunchArgument("process", default_value="P1"), *nodes])
+    return LaunchDescription(
+        [
+            argument("process", "", f"{PROCESS}; empty: what params_file says, P1 without one"),
+            argument(
+                "params_file", "",
+                "parameter file for all nodes; empty: of P1 ... P4 their own, else a PI that is proved stable",
+            ),
+            *common_arguments(),
+            fail_with_any_node(),
+            checked(start),
+        ]
+    )  # fmt: skip

@@ -26,13 +26,13 @@ from fopid_core.study.experiments.tune_call import TuneCall
 from fopid_msgs.msg import ExperimentPhase, ScalarStamped
 from fopid_msgs.srv import Advance, Tune
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, latched_qos
+from fopid_ros.common.rivals import refuse_other_loops
 from fopid_ros.common.signals import header_stamp
 
 DISCOVERY_TIME = 15.0  # how long the other nodes may take to appear [s]
 LEAD = LOCKSTEP_DEPTH // 2  # samples the loop may be ahead of the recorder
 DRAIN_TIME = 0.3  # [s] without a message after which none is on its way
 SLICE = 0.02  # [s] between two looks at the loop
-NAME_TIME = 3.0  # how long the name of a publisher's node may take to be known [s]
 HEARING_TIME = 0.1  # between two tries to be heard by a node [s]
 STALL_TIME = 10.0  # lockstep without progress for this long has stalled [s]
 TUNING_TIME = 120.0  # how long a tuning may take [s]
@@ -55,35 +55,6 @@ def ask_for_prompt_acknowledgements() -> None:
 
 class StopRequestedError(Exception):
     """Ctrl-C or a request to terminate."""
-
-
-def publisher_names(node: Node, topic: str) -> list[str]:
-    """Who publishes a topic; a publisher is found a moment before the name of its node is."""
-    deadline = time.monotonic() + NAME_TIME
-    while True:
-        infos = node.get_publishers_info_by_topic(topic)
-        names = sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
-        if time.monotonic() > deadline or not any("_UNKNOWN_" in name for name in names):
-            return names
-        time.sleep(SLICE)
-
-
-def refuse_other_loops(node: Node, allowed: int) -> None:
-    """Two plants or controllers on the same topics would drive each other's loop.
-
-    Raises
-    ------
-    InputError
-        If more than ``allowed`` nodes publish the measurement or the control, naming them.
-    """
-    for topic in ("measurement", "control"):
-        names = publisher_names(node, topic)
-        if len(names) > allowed:
-            domain = node.context.get_domain_id()
-            raise InputError(
-                f"domain {domain} is in use: {topic!r} is published by {', '.join(names)}; "
-                f"allowed: one loop. Set ROS_DOMAIN_ID, or a namespace of its own for each loop"
-            )
 
 
 class ExperimentNode(Node):
