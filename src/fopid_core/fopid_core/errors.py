@@ -10,6 +10,10 @@ class InputError(ValueError):
     """An input that cannot be used."""
 
 
+class UnknownResponseError(InputError):
+    """A response that is asked for and cannot be had to an accuracy that is known."""
+
+
 class ExpressionError(InputError):
     """A process text that cannot be read.
 

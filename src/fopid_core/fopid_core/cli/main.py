@@ -113,10 +113,17 @@ def evaluate_verb(
     if judged.stability.unstable_poles < 0:
         verdict["unstable_poles"] = None
     peaks = {"ms": judged.margins.ms, "mt": judged.margins.mt}
-    context = {"method": method, "horizon": judged.horizon, "steady_state_error": judged.steady_state_error}
+    context: dict[str, Any] = {
+        "method": method,
+        "horizon": judged.horizon,
+        "steady_state_error": judged.steady_state_error,
+    }
+    context |= {"step_reason": judged.step_reason or None}
     data = {**verdict, **peaks, "margins": margins, **step, **context}
-    indices = step.pop("indices")
-    emit(data, [("Loop", {**verdict, **peaks, **margins}), ("Setpoint step", {**context, **step, **indices})], as_json)
+    indices, doubts = step.pop("indices"), step.pop("indices_accuracy")
+    known = {name: value is not None and math.isfinite(value) for name, value in doubts.items()}
+    rows = indices | {name: f"{indices[name]:.6g} ± {doubts[name]:.1g}" for name in indices if known[name]}
+    emit(data, [("Loop", {**verdict, **peaks, **margins}), ("Setpoint step", {**context, **step, **rows})], as_json)
 
 
 def _margin_rows(margins: Margins) -> dict[str, Any]:
@@ -142,9 +149,10 @@ def _step_rows(step: StepMeasures | None) -> dict[str, Any]:
     from fopid_core.model.indices import INDEX_NAMES
 
     if step is None:
-        names = [name for name in StepMeasures.__dataclass_fields__ if name != "indices"]
-        return {"indices": dict.fromkeys((*INDEX_NAMES, "sum"))} | dict.fromkeys(names)
-    return {**asdict(step), "indices": {**asdict(step.indices), "sum": step.indices.weighted_sum()}}
+        none = dict.fromkeys((*INDEX_NAMES, "sum"))
+        return dict.fromkeys(StepMeasures.__dataclass_fields__) | {"indices": none, "indices_accuracy": none}
+    both = {name: getattr(step, name) for name in ("indices", "indices_accuracy")}
+    return {**asdict(step), **{name: {**asdict(part), "sum": part.weighted_sum()} for name, part in both.items()}}
 
 
 @main.command("step", context_settings=ARGUMENTS)

@@ -20,6 +20,7 @@ from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 _MOST_TERMS = 400
 _LOG_NEGLIGIBLE = math.log(1e-12)
 _ROUNDING = 1e-12
+_DEAD = 400.0  # exp(-400): nothing is left, whatever power of t it is multiplied by
 _DIGITS = 12  # as in QuasiPolynomial: to so many digits sums of orders are exact
 
 
@@ -134,9 +135,9 @@ class PowerSeries:
     power: float
     coefficients: Floats
 
-    def transform(self, sigma: Complexes, log_sigma: Complexes) -> Complexes:
-        """Its value but for the delay, where ``sigma`` = s + b."""
-        value: Complexes = np.exp(-self.power * log_sigma) * np.polyval(self.coefficients[::-1], 1.0 / sigma)
+    def over_fraction(self, inverse: Complexes) -> Complexes:
+        """Its transform but for the delay and the fractional part of its power, where ``inverse`` = 1 / (s + b)."""
+        value: Complexes = np.polyval(self.coefficients[::-1], inverse) * inverse ** math.floor(self.power)
         return value
 
     def signal(self, elapsed: Floats) -> Floats:
@@ -201,12 +202,15 @@ class SingularPart:
 
     def transform(self, s: Complexes) -> Complexes:
         """Its value at every element of ``s``."""
-        sigma = s + self.rate
-        log_sigma = np.log(sigma)
+        inverse = 1.0 / (s + self.rate)
+        log_inverse = np.log(inverse)
+        fractions = {round(one.power % 1.0, _DIGITS) for one in self.series}
+        powers = {fraction: np.exp(fraction * log_inverse) if fraction else 1.0 for fraction in fractions}
         total = np.zeros_like(s)
         for delay in {one.delay for one in self.series}:
-            own = sum(one.transform(sigma, log_sigma) for one in self.series if one.delay == delay)
-            total += own * np.exp(-delay * s) if delay else own
+            own = [one for one in self.series if one.delay == delay]
+            value = sum(one.over_fraction(inverse) * powers[round(one.power % 1.0, _DIGITS)] for one in own)
+            total += value * np.exp(-delay * s) if delay else value
         return total
 
     def signal(self, time: Floats) -> Floats:
@@ -216,6 +220,7 @@ class SingularPart:
             own = [one for one in self.series if one.delay == delay]
             elapsed = time - delay
             after, at = elapsed > _ROUNDING * delay, np.abs(elapsed) <= _ROUNDING * delay
+            after &= self.rate * elapsed < _DEAD
             since = elapsed[after]
             total[after] += np.exp(-self.rate * since) * sum(one.signal(since) for one in own)
             if at.any():

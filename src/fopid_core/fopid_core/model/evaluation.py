@@ -8,10 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from fopid_core.errors import InputError
+from fopid_core.errors import InputError, UnknownResponseError
 from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.model.gruenwald import gl1_response
 from fopid_core.model.indices import (
+    INDEX_NAMES,
     Indices,
     indices,
     overshoot_pct,
@@ -23,6 +24,7 @@ from fopid_core.model.indices import (
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import Margins, margins
 from fopid_core.model.response import Response, step_response
+from fopid_core.model.response_indices import response_indices
 from fopid_core.model.stability import Stability, stability
 from fopid_core.model.winding import right_half_plane_zeros
 
@@ -44,8 +46,8 @@ class StepMeasures:
 
     Attributes
     ----------
-    indices : Indices
-        Over the horizon.
+    indices, indices_accuracy : Indices
+        Over the horizon, and the estimated largest error of each; NaN where an index is not known.
     overshoot_pct : float
         Per cent of the setpoint.
     rise_time, rise_time_to_100, settling_time : float
@@ -57,6 +59,7 @@ class StepMeasures:
     """
 
     indices: Indices
+    indices_accuracy: Indices
     overshoot_pct: float
     rise_time: float
     rise_time_to_100: float
@@ -69,8 +72,13 @@ class StepMeasures:
     def of(response: Response) -> StepMeasures:
         """The measures of a response to a unit step of the setpoint."""
         time, output = response.time, response.output
+        if response.uncertainty.size:
+            found, doubts = response_indices(time, response.error, response.uncertainty)
+        else:  # sampled as in the paper, and summed up as there
+            found, doubts = indices(time, response.error), Indices(*[math.nan] * len(INDEX_NAMES))
         return StepMeasures(
-            indices=indices(time, response.error),
+            indices=found,
+            indices_accuracy=doubts,
             overshoot_pct=overshoot_pct(output),
             rise_time=rise_time(time, output),
             rise_time_to_100=rise_time_to_100(time, output),
@@ -92,7 +100,10 @@ class Evaluation:
     horizon : float
         Of the step [s].
     step : StepMeasures or None
-        None for a loop that is not stable: its error does not die out and no index exists.
+        None for a loop that is not stable: its error does not die out and no index exists; and where the response is
+        not known.
+    step_reason : str
+        Why there is no step; empty where there is one.
     steady_state_error : float
         What is left of the error after a unit step in the end; where it is not 0 the indices grow with the horizon.
     """
@@ -102,6 +113,7 @@ class Evaluation:
     horizon: float
     step: StepMeasures | None
     steady_state_error: float
+    step_reason: str = ""
 
 
 def evaluate(
@@ -131,12 +143,16 @@ def evaluate(
         raise InputError(f"method = {method!r}; allowed: exact, gl1")
     horizon = default_horizon(loop) if horizon is None else horizon
     verdict = stability(loop)
-    measures = None
+    measures, reason = None, "" if verdict.stable else verdict.reason
     if verdict.stable:
-        exact = method == "exact"
-        response = step_response(loop, horizon) if exact else gl1_response(loop, horizon, sample_time)
-        measures = StepMeasures.of(response)
-    return Evaluation(verdict, margins(loop), horizon, measures, _steady_state_error(loop) if measures else math.nan)
+        try:
+            exact = method == "exact"
+            response = step_response(loop, horizon) if exact else gl1_response(loop, horizon, sample_time)
+            measures = StepMeasures.of(response)
+        except UnknownResponseError as unknown:
+            reason = str(unknown)
+    final = _steady_state_error(loop) if verdict.stable else math.nan
+    return Evaluation(verdict, margins(loop), horizon, measures, final, reason)
 
 
 def default_horizon(loop: Loop) -> float:

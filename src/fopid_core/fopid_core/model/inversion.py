@@ -3,7 +3,8 @@
 A transform sampled on the line s = a + jw is a Fourier series of exp(-a t) times its signal (Dubner and Abate 1968,
 Crump 1976). A horizon much longer than the signal is fast is cut into windows, each an eighth of the one before, so
 that the first instants are seen as sharply as the last. In each window the number of points is doubled until the
-signal no longer changes.
+signal no longer changes; it begins where the transform has died out, so that two numbers of points cannot agree for
+having missed the same detail.
 """
 
 from __future__ import annotations
@@ -15,17 +16,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fopid_core.errors import UnknownResponseError
 from fopid_core.model.arrays import Complexes, Floats
 
 TOLERANCE = 1e-6  # two numbers of points must agree to this before either is believed
 _LEAK = 1e-8  # of the line itself and of rounding, whatever the number of points
 _PERIODS = 4  # the Fourier series repeats after so many times the window
-_DAMPING = 20.0  # exp(-20) leaks from one period into the next; exp(20 / 4) is what rounding grows by within the window
+_DAMPING = 24.0  # exp(-24) leaks from one period into the next; exp(24 / 4) is what rounding grows by within the window
 _WINDOW_RATIO = 8
 _MOST_WINDOWS = 16
 _FAST_INSTANTS = 20.0  # the first window is so many times 1 / rate long
 _FEWEST_POINTS = 1 << 12
 _RESOLVED = 400.0  # points for each 1 / rate of the window, beyond which more of them add only rounding
+_FEWEST_SAMPLES = 512  # where nothing is left
+_SPLINE_GAIN, _EDGE_GAIN = 8.0, 3.0  # a cubic spline through twice the samples misses a sixteenth, less at its ends
+_SAFETY = 3.0  # of what doubling the points changed
 _ROUNDING_SEEN = 3  # doublings in a row that made it worse: without echoes, that is rounding
 
 
@@ -42,7 +47,11 @@ class Signals:
     rate : float
         How fast the signals change at first [1/s].
     growth : float
-        No signal grows faster than exp(growth * t) [1/s].
+        No signal grows faster than exp(growth * t) [1/s]; below 0 they die out so fast.
+    band : float
+        The frequency [rad/s] above which next to nothing is left of the transforms.
+    calm : float
+        The instant [s] from which nothing fast is left of the signals, or nothing at all where they die out.
     echoes : bool
         Whether a signal may change as fast later as at first.
     most_points : int
@@ -53,6 +62,8 @@ class Signals:
     sizes: Callable[[Floats], Floats]
     rate: float
     growth: float = 0.0
+    band: float = 0.0
+    calm: float = 0.0
     echoes: bool = False
     most_points: int = 1 << 19
 
@@ -98,24 +109,70 @@ def invert(signals: Signals, horizon: float) -> tuple[Piece, ...]:
     count = math.ceil(math.log(max(signals.rate * horizon / _FAST_INSTANTS, 1.0), _WINDOW_RATIO))
     start = 0.0 if count <= _MOST_WINDOWS else horizon / _WINDOW_RATIO ** (_MOST_WINDOWS + 1)
     edges = [start, *(horizon / _WINDOW_RATIO**k for k in range(min(count, _MOST_WINDOWS), -1, -1))]
-    return tuple(_window(signals, first, last) for first, last in itertools.pairwise(edges))
+    pieces: list[Piece] = []
+    for first, last in itertools.pairwise(edges):
+        if pieces and signals.growth < 0.0 and first > signals.calm:
+            pieces.append(_nothing(pieces[-1], last))
+        else:
+            pieces.append(_window(signals, first, last))
+    return tuple(pieces)
 
 
-def values_at(pieces: tuple[Piece, ...], time: Floats) -> Floats:
-    """All signals at any instants up to the horizon, shape (k, n); before the first instant as at that instant."""
+def values_at(pieces: tuple[Piece, ...], time: Floats) -> tuple[Floats, Floats]:
+    """All signals at any instants up to the horizon and their estimated errors; before the first instant as there.
+
+    Returns
+    -------
+    values, errors : ndarray, shape (k, n)
+    """
+    time = np.maximum(time, pieces[0].time[0])
+    values, errors = np.empty((2, pieces[0].values.shape[0], time.size))
+    home = np.searchsorted([piece.time[-1] for piece in pieces[:-1]], time)
+    for i in np.unique(home):
+        own, piece = home == i, pieces[i]
+        instants = time[own]
+        spline, error = _spline(piece)
+        values[:, own] = spline(instants).T
+        errors[:, own] = (piece.accuracy + error)[:, None]
+    return values, errors
+
+
+def _spline(piece: Piece) -> tuple[Callable[[Floats], Floats], Floats]:
+    """The signals between the samples, and the largest error of that: what half of the samples miss of the others."""
     from scipy.interpolate import CubicSpline
 
-    time = np.maximum(time, pieces[0].time[0])
-    values = np.empty((pieces[0].values.shape[0], time.size))
-    home = np.searchsorted([piece.time[-1] for piece in pieces[:-1]], time)
-    for i, piece in enumerate(pieces):
-        values[:, home == i] = CubicSpline(piece.time, piece.values, axis=1)(time[home == i])
-    return values
+    size = piece.time.size - (piece.time.size + 1) % 2
+    half = CubicSpline(piece.time[:size:2], piece.values[:, :size:2], axis=1)(piece.time[1:size:2])
+    missed = np.abs(half - piece.values[:, 1:size:2])
+    edge = max(missed.shape[1] // 64, 2)
+    error = np.maximum(missed[:, edge:-edge].max(axis=1) / _SPLINE_GAIN, missed.max(axis=1) / _EDGE_GAIN)
+    return CubicSpline(piece.time, piece.values.T), error
+
+
+def _nothing(before: Piece, last: float) -> Piece:
+    """Signals that have died out by the end of the window before."""
+    time = np.linspace(before.time[-1], last, _FEWEST_SAMPLES + 1)[1:]
+    left = np.abs(before.values[:, -before.time.size // 8 :]).max(axis=1)
+    return Piece(time, np.zeros((before.values.shape[0], time.size)), before.accuracy + left)
+
+
+def _fewest_points(signals: Signals, first: float, last: float) -> int:
+    """So many that nothing of the transforms is missed, unless what is fast in them is over."""
+    if first > signals.calm:
+        return _FEWEST_POINTS
+    needed = 2.0 * signals.band * _PERIODS * last / math.pi
+    number = max(1 << math.ceil(math.log2(max(min(needed, 1e18), 1.0))), _FEWEST_POINTS)
+    if 2 * number > signals.most_points:
+        raise UnknownResponseError(
+            f"the response up to {last:.3g} s, with details of {signals.band:.3g} rad/s until then, takes "
+            f"{2 * number:.3g} points; allowed: {signals.most_points}, so a shorter horizon or a slower loop"
+        )
+    return number
 
 
 def _window(signals: Signals, first: float, last: float) -> Piece:
     """One window, with twice as many points again until that changes nothing, or no longer for the better."""
-    number = _FEWEST_POINTS
+    number = _fewest_points(signals, first, last)
     coarse = _samples(signals, last, number)
     best, values, kept = np.array([np.inf]), coarse, 0
     gaps = [math.inf]
@@ -129,7 +186,11 @@ def _window(signals: Signals, first: float, last: float) -> Piece:
             best, values, kept = gap, fine, 2 * start
         coarse = fine
     kept += 1 if first else 0  # the window before ends with our first instant
-    return Piece(np.linspace(0.0, last, values.shape[1])[kept:], values[:, kept:], np.maximum(best, _LEAK))
+    return Piece(
+        np.linspace(0.0, last, values.shape[1])[kept:],
+        values[:, kept:],
+        np.maximum(_SAFETY * best, _LEAK * np.maximum(np.abs(values).max(axis=1), 1.0)),
+    )
 
 
 def _is_rounding(signals: Signals, number: int, last: float, gaps: list[float]) -> bool:

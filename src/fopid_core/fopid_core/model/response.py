@@ -1,31 +1,34 @@
-"""The loop in time: step responses with exact fractional powers and exact delay.
+"""The loop in time: step responses with exact fractional powers and exact delay, and how exact they are.
 
-What a signal does suddenly, at t = 0 and after every delay, is known in time (``asymptotics``); the smooth rest comes
-from its transform (``inversion``).
+Where there is no delay the transform is inverted on hyperbolas (``delay_free``), otherwise by inverse FFT
+(``delayed``). In both, the poles that ring or grow are found first, all of them, and stand apart (``poles``,
+``modes``): no grid in time or frequency has to resolve them.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from fopid_core.errors import InputError
-from fopid_core.model.arrays import Complexes, Floats
-from fopid_core.model.asymptotics import SingularPart, expansion_at_infinity, fast_rate, leading_term
-from fopid_core.model.inversion import Signals, fastest_rate, invert, values_at
+from fopid_core.errors import InputError, UnknownResponseError
+from fopid_core.model.arrays import Floats
+from fopid_core.model.asymptotics import leading_term
+from fopid_core.model.delay_free import DelayFree
+from fopid_core.model.delayed import Delayed
 from fopid_core.model.loop import Loop
-from fopid_core.model.quasipolynomial import QuasiPolynomial
-from fopid_core.model.spectral_abscissa import spectral_abscissa_bound
-from fopid_core.model.stability import stability
+from fopid_core.model.step_transforms import Source, StepTransforms
 
-Source = Literal["setpoint", "load"]
+__all__ = ["Response", "Source", "check_horizon", "step_response"]
 
-_LARGEST_EXPONENT = 600.0  # exp(700) overflows
-_MOST_POINTS, _MOST_WORK = 1 << 19, 1 << 24  # in one window: points, and points times sudden terms
-_HIGHEST_POWER = 6.0  # once the sudden part is out, the transforms fall faster than s**-6
+MOST_POINTS = 5_000_000
+"""Instants that a response is given at, at most."""
+
+WORST_ACCURACY = 1e-2
+"""What is less accurate than this is refused."""
+
+_ROUNDING = 1e-15  # nothing is known better
 
 
 @dataclass(frozen=True)
@@ -41,10 +44,14 @@ class Response:
         y, u and r - y at these instants; where a signal jumps, the value after the jump. Where the ideal derivative
         makes the control infinite, at the instant of a setpoint step, it is infinite here.
     accuracy, control_accuracy : float
-        Estimated largest error of the output and of the control, relative to the signal where that is above 1.
+        Estimated largest error of the output and of the control, relative to what the signal has reached by then
+        where that is above 1.
     control_impulse : float
         Weight [s] of the impulse that the control contains at t = 0 (a derivative of order 1 at a setpoint step),
         infinite for something stronger (order above 1). It is not in ``control``.
+    uncertainty : ndarray, shape (n,)
+        Estimated largest error of output and error at each instant, not relative to anything; empty where it is not
+        known.
     """
 
     time: Floats
@@ -54,6 +61,7 @@ class Response:
     accuracy: float
     control_accuracy: float
     control_impulse: float = 0.0
+    uncertainty: Floats = field(default_factory=lambda: np.zeros(0))
 
     @property
     def control_peak(self) -> float:
@@ -78,6 +86,8 @@ def step_response(loop: Loop, horizon: float, source: Source = "setpoint", point
     ------
     InputError
         If an argument is out of its range, or the loop is of advanced type and has no response.
+    UnknownResponseError
+        If the response cannot be had to an accuracy that is known.
 
     Examples
     --------
@@ -88,17 +98,42 @@ def step_response(loop: Loop, horizon: float, source: Source = "setpoint", point
     0.43233
     """
     _check(loop, horizon, source, points)
-    transforms = _Transforms.of(loop, source, horizon)
-    pieces = invert(transforms.remainders(_growth(loop, horizon)), horizon)
-    if points is None:
-        time, smooth = np.concatenate([p.time for p in pieces]), np.concatenate([p.values for p in pieces], axis=1)
+    transforms = StepTransforms.of(loop, source)
+    signals: DelayFree | Delayed
+    if any(term.delay for term in loop.characteristic.terms):
+        signals = Delayed.of(transforms, horizon)
     else:
-        time = np.linspace(0.0, horizon, points)
-        smooth = values_at(pieces, time)
-    output, control = smooth + transforms.sudden_signals(time)
-    error = (1.0 if source == "setpoint" else 0.0) - output
-    accuracy, control_accuracy = np.max([p.accuracy for p in pieces], axis=0).tolist()
-    return Response(time, output, control, error, accuracy, control_accuracy, transforms.control_impulse)
+        signals = DelayFree.of(transforms, horizon, None if points is None else horizon / (points - 1))
+    time = signals.instants() if points is None else np.linspace(0.0, horizon, points)
+    (error, control), (doubt, control_doubt) = signals.at(time), signals.error_at(time)
+    output = (1.0 if source == "setpoint" else 0.0) - error
+    accuracy = _relative(doubt, output)
+    if not accuracy <= WORST_ACCURACY:
+        raise UnknownResponseError(
+            f"horizon = {horizon:g} s: the response would be known to {accuracy:.2g} only; "
+            f"allowed: {WORST_ACCURACY:g}, so a shorter horizon or a loop further from the border"
+        )
+    return Response(
+        time,
+        output,
+        control,
+        error,
+        accuracy,
+        _relative(control_doubt, control),
+        transforms.control_impulse,
+        doubt,
+    )
+
+
+def _relative(doubt: Floats, signal: Floats) -> float:
+    """The largest doubt, relative to what the signal has reached by then where that is above 1."""
+    reached = np.maximum.accumulate(np.maximum(np.abs(signal), 1.0))
+    seen = np.isfinite(reached)
+    start = int(np.argmax(~seen)) if not seen.all() else 0
+    reached[~seen] = np.inf
+    if start == 0 and not seen.all():  # infinite at t = 0 alone
+        reached[1:] = np.maximum.accumulate(np.maximum(np.abs(signal[1:]), 1.0))
+    return max(float(np.max(doubt / reached)), _ROUNDING)
 
 
 def check_horizon(loop: Loop, horizon: float) -> None:
@@ -113,81 +148,10 @@ def _check(loop: Loop, horizon: float, source: str, points: int | None) -> None:
     check_horizon(loop, horizon)
     if source not in ("setpoint", "load"):
         raise InputError(f"source = {source!r}; allowed: setpoint, load")
-    if points is not None and points < 2:
-        raise InputError(f"points = {points}; allowed: at least 2")
+    if points is not None and not 2 <= points <= MOST_POINTS:
+        raise InputError(f"points = {points}; allowed: at least 2, at most {MOST_POINTS}")
     if leading_term(loop.characteristic).order < loop.characteristic.degree:
         raise InputError(
             f"mu = {loop.controller.mu:g} on a process with delay of relative degree {loop.process.relative_degree:g}: "
             "the loop gain grows with frequency and the loop has no response; allowed: at most the relative degree"
         )
-
-
-@dataclass(frozen=True)
-class _Transforms:
-    """Output and control as transforms over one denominator, and their sudden parts."""
-
-    numerators: tuple[QuasiPolynomial, QuasiPolynomial]
-    denominator: QuasiPolynomial
-    sudden: tuple[SingularPart, ...]
-    rate: float
-
-    @staticmethod
-    def of(loop: Loop, source: Source, horizon: float) -> _Transforms:
-        if source == "setpoint":
-            numerators = loop.open_loop_numerator, loop.controller.numerator * loop.process.denominator
-        else:
-            numerators = loop.process.numerator.shifted(loop.controller.integral_order), -loop.open_loop_numerator
-        denominator = loop.characteristic.shifted(1.0)
-        rate = max(fast_rate(loop.characteristic), 1.0 / horizon)
-        sudden = tuple(_sudden_part(numerator, denominator, horizon, rate) for numerator in numerators)
-        return _Transforms(numerators, denominator, sudden, rate)
-
-    def remainders(self, growth: float) -> Signals:
-        """What the sudden parts leave."""
-        echoes = any(t.delay for t in self.denominator.terms)
-        most_points = _MOST_WORK // (_MOST_WORK // _MOST_POINTS + sum(len(part.series) for part in self.sudden))
-        return Signals(
-            self._smooth, lambda time: np.abs(self.sudden_signals(time)), self.rate, growth, echoes, most_points
-        )
-
-    def _smooth(self, s: Complexes) -> Complexes:
-        common = 1.0 / self.denominator(s)
-        pairs = zip(self.numerators, self.sudden, strict=True)
-        return np.stack([numerator(s) * common - part.transform(s) for numerator, part in pairs])
-
-    def sudden_signals(self, time: Floats) -> Floats:
-        """The sudden parts in time, shape (2, n)."""
-        return np.stack([part.signal(time) for part in self.sudden])
-
-    @property
-    def control_impulse(self) -> float:
-        """Weight of the impulse at t = 0; infinite when something stronger than an impulse stands there."""
-        numerator = self.numerators[1]
-        if numerator.is_zero:
-            return 0.0
-        over, under = leading_term(numerator), leading_term(self.denominator)
-        weight = over.coefficient / under.coefficient
-        if over.delay > 0.0 or over.order < under.order:
-            return 0.0
-        return weight if over.order == under.order else math.copysign(math.inf, weight)
-
-
-def _growth(loop: Loop, horizon: float) -> float:
-    """A bound on the exponential growth of a loop that is not stable [1/s]."""
-    verdict = stability(loop)
-    if verdict.unstable_poles == 0 or not verdict.decided:  # on the border nothing grows by much
-        return 0.0
-    growth = spectral_abscissa_bound(loop.characteristic, _LARGEST_EXPONENT / horizon)
-    if math.isinf(growth):
-        raise InputError(
-            f"horizon = {horizon:g} s: the unstable loop grows by more than exp({_LARGEST_EXPONENT:g}) until then; "
-            "allowed: a shorter one"
-        )
-    return growth
-
-
-def _sudden_part(numerator: QuasiPolynomial, denominator: QuasiPolynomial, horizon: float, rate: float) -> SingularPart:
-    if rate > fastest_rate(horizon):  # it would only hold in instants too short to be seen
-        return SingularPart.of(QuasiPolynomial(()), rate, _HIGHEST_POWER)
-    expansion = expansion_at_infinity(numerator, denominator, -_HIGHEST_POWER, horizon, rate)
-    return SingularPart.of(expansion, rate, _HIGHEST_POWER)
