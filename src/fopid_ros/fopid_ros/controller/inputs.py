@@ -174,7 +174,7 @@ class LoopInputs:
         self._counts.backward_time_jumps += 1
         self._node.get_logger().warning(f"{what} ran backwards: {consequence}", throttle_duration_sec=1.0)
 
-    def lacking(self, now_ns: int, mode: str) -> list[Input]:
+    def unusable(self, now_ns: int, mode: str) -> list[Input]:
         """The inputs without which the control cannot be worked out, and that are too old or have never come."""
         found = [one for one in (self.setpoint, self.measurement) if not one.usable(now_ns)]
         if mode == "manual" and not self.manual.missing and not self.manual.usable(now_ns):
