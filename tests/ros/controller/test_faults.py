@@ -188,6 +188,25 @@ def test_gains_times_signals_beyond_a_number_give_the_safe_control_and_never_nan
     assert loop.tick(9, 0.5) == 0.5
 
 
+def test_the_state_of_a_loop_that_diverges_is_told_as_it_is_and_what_is_not_known_is_nan(graph: Graph) -> None:
+    loop = LockstepByHand(graph, {"kp": 1e10, "ki": 1.0, "safe_control": 0.25})
+    loop.send("setpoint", 1.0)
+    loop.tick(0, -6.9e80)
+    assert (loop.states[-1].measurement, loop.states[-1].proportional) == (-6.9e80, 6.9e90)
+    assert loop.tick(1, -6.9e95) == 0.25  # 6.9e105 is beyond what is reckoned with: the safe control
+    told = loop.states[-1]
+    assert (told.setpoint, told.measurement, told.error, told.control) == (1.0, -6.9e95, 6.9e95, 0.25)
+    assert told.control_unlimited == told.proportional + told.integral + told.derivative == pytest.approx(6.9e105)
+    assert told.saturated
+    for sample in range(2, 20):  # from here on the measurement is refused, and after 0.1 s stale
+        loop.tick(sample, -6.9e109)
+    stale = loop.states[-1]
+    assert stale.stale
+    assert (stale.setpoint, stale.measurement, stale.control) == (1.0, -6.9e95, 0.25)
+    assert all(map(math.isnan, (stale.proportional, stale.integral, stale.derivative)))
+    assert not any(state.measurement == 0.0 or state.proportional == 0.0 for state in loop.states)
+
+
 def test_a_stamp_that_goes_back_is_refused_once_and_a_clock_set_back_is_followed(graph: Graph) -> None:
     fed = FedController(graph, {"kp": 1.0})
     fed.setpoint = 0.0

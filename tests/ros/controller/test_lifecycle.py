@@ -139,12 +139,13 @@ BROKEN = """
 import sys
 from fopid_ros.controller.node import ControllerNode
 from fopid_ros.common.managed_node import run
+from fopid_ros.controller.inputs import LoopInputs
 
-class Broken(ControllerNode):
-    def _on_measurement(self, message):
-        raise ZeroDivisionError("a mistake in the program")
+def broken(self, message):
+    raise ZeroDivisionError("a mistake in the program")
 
-sys.exit(run(Broken))
+LoopInputs.take_measurement = broken
+sys.exit(run(ControllerNode))
 """
 
 

@@ -55,7 +55,7 @@ def write_parameter_file(path: Path, node: str, values: Mapping[str, Value]) -> 
     except OSError:
         temporary.unlink(missing_ok=True)
         raise
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
 
 
 def _target(path: Path) -> Path:
@@ -66,8 +66,8 @@ def _target(path: Path) -> Path:
     return target
 
 
-def _sync_folder(folder: Path) -> None:
-    """So that the new name, too, survives a loss of power."""
+def sync_folder(folder: Path) -> None:
+    """Have the disk confirm the names in a folder, so that a new one, too, survives a loss of power."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

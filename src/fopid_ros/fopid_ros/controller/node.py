@@ -10,14 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
-from fopid_core.runtime.controller import FopidController
+from fopid_core.errors import InputError
+from fopid_core.runtime.controller import ControllerState, FopidController
 from fopid_msgs.msg import FopidState
 from fopid_ros.common.diagnostics import (
     PublisherConflicts,
@@ -29,16 +32,21 @@ from fopid_ros.common.diagnostics import (
 from fopid_ros.common.inputs import Input, is_number
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run
 from fopid_ros.common.parameter_file import write_parameter_file
+from fopid_ros.common.parameters import converted
 from fopid_ros.common.signals import SignalType, header_stamp
+from fopid_ros.controller.gain_memory import GainMemory
 from fopid_ros.controller.inputs import LoopInputs
 from fopid_ros.controller.parameters import (
     SIGNALS,
     SPECS,
+    check_file_name,
     check_timeouts,
     controller_settings,
     initial_setpoint,
     signal_types,
 )
+from fopid_ros.controller.retained import check_provenance
+from fopid_ros.controller.state_message import fill_signals
 
 NS = 1_000_000_000
 
@@ -52,11 +60,25 @@ class ControllerNode(ManagedNode):
     _active = False
     _timer: Timer | None = None
     _last_tick: int | None = None
+    _parts_known = False
+
+    def __init__(self, context: Context | None = None) -> None:
+        super().__init__(context=context)
+        try:
+            self._memory = GainMemory(self)
+        except InputError:
+            self.destroy_node()
+            raise
+        recalled = self._memory.recalled(self.check)
+        if recalled:
+            super().set_parameters_atomically([Parameter(name, value=value) for name, value in recalled.items()])
 
     def check(self, values: dict[str, Any]) -> None:
         controller_settings(values, signal_types(values)["control"])
         initial_setpoint(values)
         check_timeouts(values)
+        check_file_name(values)
+        check_provenance(values)
 
     # What lives from configure to cleanup.
 
@@ -117,9 +139,16 @@ class ControllerNode(ManagedNode):
 
     # Parameters.
 
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """As in any managed node; gains that are set without a provenance lose the one of those before."""
+        changes = {change.name: change.value for change in converted(self._specs, parameter_list)}
+        whole = self._memory.with_provenance(changes)
+        return super().set_parameters_atomically([Parameter(name, value=value) for name, value in whole.items()])
+
     def apply(self, values: dict[str, Any]) -> None:
         if not self.configured:
             return
+        self._memory.take(values)
         mode_before, self._values = self._values["mode"], values
         self._controller.reconfigure(controller_settings(values, self._types["control"]))
         if values["mode"] != mode_before:
@@ -161,7 +190,7 @@ class ControllerNode(ManagedNode):
         if self._timer is not None:
             self.destroy_timer(self._timer)
             self._timer = None
-        self._controller.reset()
+        self._forget()
 
     # Ticks.
 
@@ -196,7 +225,7 @@ class ControllerNode(ManagedNode):
         self._interval = 0.0
         if before is not None:
             self._inputs.warn_backwards("time", "the controller starts anew")
-            self._controller.reset()
+            self._forget()
         if before is not None or self._lockstep:
             self._inputs.begin_anew(now_ns)
 
@@ -206,17 +235,18 @@ class ControllerNode(ManagedNode):
         if (unusable, dropped) != (self._unusable, self._dropped):
             self._log_input_state(unusable, dropped)
         control = self._fallback_control(now_ns) if unusable or self._contested else self._step(now_ns)
-        self._control = control = control if is_number(control) else self._recover_from_nonfinite(control)
         state = self._controller.state
+        if not is_number(control):
+            control = self._recover_from_nonfinite(control)
+        self._control = control
         self._statistics.tick(self._interval, saturated=state.saturated, stale=bool(unusable))
         self.publish_control(control, stamp_ns)
-        waiting = bool(unusable) and self._awaiting_first_input
-        if not waiting or state.mode == "manual":
-            self._publish_state(stamp_ns, now_ns, waiting=waiting)
+        if state.mode == "manual" or not (unusable and self._awaiting_first_input):
+            self._publish_state(stamp_ns, now_ns, state)
 
     def _step(self, now_ns: int) -> float:
         controller, inputs = self._controller, self._inputs
-        manual = inputs.manual
+        self._parts_known, manual = True, inputs.manual
         if controller.state.mode == "auto":
             manual.value = math.nan  # on a change to manual the control stays until the next message
         return controller.step(
@@ -231,9 +261,10 @@ class ControllerNode(ManagedNode):
         manual = self._inputs.manual.value if self._inputs.manual.usable(now_ns) else None
         if self._contested:
             return controller.hold(safe)
-        if controller.state.mode == "manual" and self._inputs.manual not in self._unusable:
-            return controller.hold(manual)
-        if self._awaiting_first_input:
+        if controller.state.mode == "manual":
+            if self._inputs.manual not in self._unusable:
+                return controller.hold(manual)
+        elif self._awaiting_first_input:
             return controller.state.control
         return controller.hold({"hold": None, "safe": safe, "manual": manual}[self._values["on_stale"]])
 
@@ -254,27 +285,28 @@ class ControllerNode(ManagedNode):
         """Gains times signals beyond what a number can hold: the safe control, and a controller as new."""
         self._statistics.counts.controls_not_finite += 1
         self.get_logger().error(f"control = {control}: the controller starts anew", throttle_duration_sec=1.0)
+        before = self._controller.state
+        self._forget()
+        before.control, before.saturated = self._controller.state.control, True
+        return before.control
+
+    def _forget(self) -> None:
+        """Make the controller as new, but for gains and mode."""
         self._controller.reset()
-        return self._controller.state.control
+        self._parts_known = False
 
     def publish_control(self, control: float, stamp_ns: int) -> None:
         """Send the control with the stamp of the measurement it answers, or of the tick [ns]."""
         self._control_publisher.publish(self._write(control, stamp_ns))
 
-    def _publish_state(self, stamp_ns: int, now_ns: int, *, waiting: bool) -> None:
-        message, state = self._state, self._controller.state
+    def _publish_state(self, stamp_ns: int, now_ns: int, state: ControllerState) -> None:
+        message = self._state
         header_stamp(message.header, stamp_ns)
-        message.setpoint, message.measurement, message.error = state.setpoint, state.measurement, state.error
-        if waiting:
-            message.setpoint, message.measurement, message.error = math.nan, math.nan, math.nan
-        message.proportional, message.integral = state.proportional, state.integral
-        message.derivative, message.feedforward = state.derivative, state.feedforward
-        message.control_unlimited, message.control = state.control_unlimited, state.control
-        message.saturated = state.saturated
-        message.mode = FopidState.AUTO if state.mode == "auto" else FopidState.MANUAL
+        # A state that has just been given up is told as it was.
+        given_up = state is not self._controller.state
+        fill_signals(message, state, self._inputs, now_ns, known=given_up or self._parts_known)
         message.sample_interval, message.overruns = self._interval, self._statistics.counts.late_ticks
-        message.stale, message.measurement_age = bool(self._unusable), self._inputs.measurement.age(now_ns)
-        message.tracking, message.refused = self._inputs.tracking.value, self._statistics.counts.refused_values
+        message.stale, message.refused = bool(self._unusable), self._statistics.counts.refused_values
         self._state_publisher.publish(message)
 
     # What people are told.
@@ -306,9 +338,12 @@ class ControllerNode(ManagedNode):
 
     def _lacks(self) -> list[tuple[bytes, str]]:
         """What the control lacks, in words with their levels."""
+        found = []
+        if self._memory.trouble:
+            found.append((DiagnosticStatus.WARN, f"gains not kept: {self._memory.trouble}"))
         if not self._active:
-            return []
-        found = [(DiagnosticStatus.WARN, f"{one.name} stale: the loop goes on without it") for one in self._dropped]
+            return found
+        found += [(DiagnosticStatus.WARN, f"{one.name} stale: the loop goes on without it") for one in self._dropped]
         if self._unusable:
             level = DiagnosticStatus.WARN if self._awaiting_first_input else DiagnosticStatus.ERROR
             names = " and ".join(one.name for one in self._unusable)
@@ -332,12 +367,13 @@ class ControllerNode(ManagedNode):
             "time ran backwards": counts.backward_time_jumps,
             "share of saturated ticks": counts.saturated_ticks / max(1, counts.ticks),
             "last rejected parameter set": self.last_rejected or "none",
+            **self._memory.facts(self._values["gains.status"]),
         }  # fmt: skip
 
     # Services.
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._controller.reset()
+        self._forget()
         self._last_tick = None
         response.success, response.message = True, "the past is forgotten; gains and mode stay"
         return response
@@ -349,17 +385,19 @@ class ControllerNode(ManagedNode):
         return response
 
     def _on_save_gains(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        path = self._values["gains_file"]
-        if not path:
-            response.message = "gains_file = ''; allowed: the path of a file"
+        directory, name = self._values["directory"], self._values["gains_file"]
+        if not directory or not name:
+            response.message = (
+                f"directory = {directory!r}, gains_file = {name!r}; allowed: a folder, given at start, and a file in it"
+            )
             return response
         values = {name: parameter.value for name, parameter in self.get_parameters_by_prefix("").items()}
         try:
-            write_parameter_file(Path(path), self.get_fully_qualified_name(), values)
+            write_parameter_file(Path(directory, name), self.get_fully_qualified_name(), values)
         except OSError as error:
-            response.message = f"gains_file = {path!r}: {error.strerror}; nothing was changed"
+            response.message = f"gains_file = {name!r}: {error.strerror}; nothing was changed"
             return response
-        response.success, response.message = True, path
+        response.success, response.message = True, name
         return response
 
 

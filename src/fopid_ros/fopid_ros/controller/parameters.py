@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from fopid_core.errors import InputError
@@ -60,7 +61,15 @@ SPECS = (
          choices=("tell", "safe")),
     Spec("safe_control", 0.0, "the control before the first tick and after the last", -LARGEST, LARGEST),
     Spec("mode", "auto", "auto, or manual: the control follows the topic manual_control", choices=("auto", "manual")),
-    Spec("gains_file", "", "where ~/save_gains writes all parameters; a start with --params-file reads them"),
+    Spec("directory", "", "the folder of gains_file and of retained gains; empty: no file is written", read_only=True),
+    Spec("gains_file", "", "the file in directory where ~/save_gains writes all parameters; a start with --params-file "
+         "reads them"),
+    Spec("retain", False, "keep each change of the gains in directory, and begin with the kept ones after a restart",
+         read_only=True),
+    Spec("gains.status", "set", "what is known of the gains: set by somebody, on trial (not kept), or verified",
+         choices=("set", "trial", "verified")),
+    Spec("gains.origin", "", "who set the gains, and why; set with them"),
+    Spec("gains.certificate", "", "that the gains hold the loop, where there is one; set with them"),
     replace(TIMING, read_only=False, at_configure=True),
     *(spec for name in SIGNALS for spec in signal_specs(name, at_configure=True)),
 )  # fmt: skip
@@ -76,6 +85,13 @@ def check_timeouts(values: dict[str, Any]) -> None:
     for name in ("measurement_timeout", "feedforward_timeout", "tracking_timeout"):
         if AUTOMATIC < values[name] < 0.0:
             raise InputError(f"{name} = {values[name]}; allowed: -1 for automatic, 0 for off, or above 0 [s]")
+
+
+def check_file_name(values: dict[str, Any]) -> None:
+    """Raise InputError for a gains_file that is not in the directory."""
+    name = values["gains_file"]
+    if name and (name != Path(name).name or name.startswith(".") or not name.isprintable()):
+        raise InputError(f"gains_file = {name!r}; allowed: the name of a file in directory, no path")
 
 
 def signal_types(values: dict[str, Any]) -> dict[str, SignalType]:

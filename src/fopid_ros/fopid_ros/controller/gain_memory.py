@@ -1,0 +1,89 @@
+"""Which gains a controller node begins with, and which of its gains are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from fopid_core.errors import InputError
+from fopid_ros.common.managed_node import ManagedNode
+from fopid_ros.controller.retained import Retained, Retainer, with_provenance
+
+
+class GainMemory:
+    """The newest gains of a node that are not on trial, in a file if its parameter ``retain`` says so.
+
+    Parameters
+    ----------
+    node : ManagedNode
+        With the parameters of a controller.
+
+    Raises
+    ------
+    InputError
+        If there is no place for the file.
+    """
+
+    def __init__(self, node: ManagedNode) -> None:
+        self._node, self._name, values = node, node.get_fully_qualified_name(), node.values()
+        self._known = Retained.of(self._name, values)
+        self._retainer = Retainer(Path(values["directory"]), self._name) if values["retain"] else None
+
+    def recalled(self, check: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+        """The parameters to begin with in place of those given, if any; it is logged which gains it is, and why.
+
+        Parameters
+        ----------
+        check : callable
+            Raises InputError for a set of parameters that the node cannot run with.
+        """
+        if self._retainer is None:
+            return {}
+        given = self._known
+        try:
+            kept = self._retainer.read()
+            if kept is None:
+                self._node.get_logger().info(f"gains {given.text}: of the parameters, since none have been kept yet")
+                return {}
+            if kept.basis != given.basis:
+                raise InputError(f"they are for {_listed(kept.basis)}; now it is {_listed(given.basis)}")
+            check({**self._node.values(), **kept.parameters})
+        except InputError as error:
+            self._node.get_logger().error(
+                f"gains {given.text}: of the parameters, since the kept ones cannot be used: {error}"
+            )
+            return {}
+        self._known = kept
+        self._node.get_logger().info(
+            f"gains {kept}: the kept ones; those of the parameters, {given.text}, are not used"
+        )
+        return kept.parameters
+
+    def with_provenance(self, changes: Mapping[str, Any]) -> dict[str, Any]:
+        """Changes of parameters, and where the gains in them come from."""
+        return with_provenance(changes, self._node.values(), self._known)
+
+    def take(self, values: Mapping[str, Any]) -> None:
+        """Keep what has changed; gains on trial are not known to hold the loop."""
+        now = Retained.of(self._name, values)
+        same = (now.parameters, now.basis) == (self._known.parameters, self._known.basis)
+        if same or values["gains.status"] == "trial":
+            return
+        self._known = now
+        if self._retainer is not None:
+            self._retainer.keep(now)
+
+    @property
+    def trouble(self) -> str:
+        """Why the newest gains are not kept, or not yet; empty when they are, or need not be."""
+        return "" if self._retainer is None else self._retainer.trouble
+
+    def facts(self, status: str) -> dict[str, object]:
+        """What the diagnostics tell."""
+        kept = "not asked for" if self._retainer is None else self.trouble or "yes"
+        return {"gains": "on trial" if status == "trial" else str(self._known), "gains kept": kept}
+
+
+def _listed(numbers: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} = {value:g}" for name, value in numbers.items())
