@@ -164,6 +164,7 @@ def _result_rows(result: TuningResult) -> dict[str, Any]:
         "stable": result.stable,
         "unstable_poles": result.unstable_poles if result.unstable_poles >= 0 else None,
         "unmet": list(result.unmet),
+        "at_edge": list(result.at_edge),
         "cost": result.cost,
         "evaluations": result.evaluations,
         "elapsed_s": result.elapsed,

@@ -1,4 +1,4 @@
-"""The tables of Das, Saha, Das and Gupta's paper as data, with exact figures beside the printed ones."""
+"""Published data: the tables of Das, Saha, Das and Gupta, and the test batch of Astrom and Hagglund."""
 
 from __future__ import annotations
 
@@ -30,3 +30,24 @@ def paper_tables() -> dict[str, Any]:
     text = resources.files("fopid_core.data").joinpath("paper_tables.json").read_text(encoding="utf-8")
     tables: dict[str, Any] = json.loads(text)
     return tables
+
+
+@cache
+def test_batch() -> dict[str, str]:
+    """The test batch of Astrom and Hagglund (2004): 134 processes as text, by names such as ``P6 T1=0.7 L1=0.3``.
+
+    Nine families: lag with delay, double lag with delay, three lags, equal lags, spread lags, integrating with lag and
+    delay, two lags with delay, non-minimum-phase, and oscillatory.
+
+    Examples
+    --------
+    >>> len(test_batch()), test_batch()["P6 T1=0.7 L1=0.3"]
+    (134, '1/(s*(0.7s+1))*exp(-0.3s)')
+    """
+    text = resources.files("fopid_core.data").joinpath("test_batch.json").read_text(encoding="utf-8")
+    batch = {}
+    for family in json.loads(text)["families"]:
+        for row in family["parameters"]:
+            name = " ".join([family["family"], *(f"{key}={value:g}" for key, value in row.items())])
+            batch[name] = family["process"].format(**row)
+    return batch

@@ -21,6 +21,7 @@ U_MAX = 20.0
 """For a process of gain 1: twenty times the control that holds the setpoint."""
 
 _W = np.logspace(-7.0, 7.0, 1401)
+_LONG_DELAY = 1e4  # [s]: with a longer one lower frequencies matter
 _FLAT = math.radians(5.0)
 
 
@@ -43,27 +44,36 @@ def gain_sign(process: Process) -> float:
 def natural_crossover(process: Process, phase_margin: float) -> float:
     """The frequency at which the process alone has the phase that the margin asks of the loop [rad/s].
 
-    A process that never lags so far (a first-order lag) is taken where it has nine tenths of its own largest lag, one
-    with the same phase everywhere (an integrator) where its gain is 1, and one that begins with more lag (an unstable
-    one) where it has less, by a factor of three if there is room. One that only leads is taken where it leads most;
-    one without dynamics has no time of its own, and 1 rad/s stands for it.
+    A process that never lags so far (a first-order lag) is taken where it has nine tenths of its own largest lag, and
+    one that begins with more lag (an unstable one) where it has less, by a factor of three if there is room. One with
+    the same phase everywhere is taken where its gain is 1 (an integrator) or has begun to fall (K / (s^2 - a)), one
+    that only leads where it leads most; one without dynamics has no time of its own, and 1 rad/s stands for it.
 
     Examples
     --------
     >>> round(natural_crossover(Process.parse("1/(s+1)^3"), math.radians(60.0)), 1)
     0.8
     """
-    lag, gain = _lag_and_gain(process)
+    w, lag, gain = _lag_and_gain(process)
     wished = math.pi - phase_margin
     if np.ptp(lag) < _FLAT:
-        return float(_W[np.argmin(np.abs(np.log(gain)))]) if np.ptp(np.log(gain)) > _FLAT else 1.0
+        return _by_gain(w, gain)
     if lag[0] > wished + 1e-6:
-        less = _W[: len(lag)][lag < wished]
-        return float(min(3.0 * less[0], math.sqrt(less[0] * less[-1]))) if len(less) else float(_W[np.argmin(lag)])
+        less = w[lag < wished]
+        return float(min(3.0 * less[0], math.sqrt(less[0] * less[-1]))) if len(less) else float(w[np.argmin(lag)])
     if lag.max() - lag[0] < _FLAT:
-        return float(_W[np.argmin(lag)])
+        return float(w[np.argmin(lag)])
     wished = min(wished, lag[0] + 0.9 * (lag.max() - lag[0]))
-    return float(_W[np.flatnonzero(lag >= wished)[0]])
+    return float(w[np.flatnonzero(lag >= wished)[0]])
+
+
+def _by_gain(w: NDArray[np.float64], gain: NDArray[np.float64]) -> float:
+    """The frequency that the gain alone shows [rad/s]."""
+    if np.ptp(np.log(gain)) <= _FLAT:
+        return 1.0
+    settles = gain[0] / gain[1] < 1.0 + 1e-6
+    below = gain < gain[0] / math.sqrt(2.0)
+    return float(w[np.argmax(below)] if settles and below.any() else w[np.argmin(np.abs(np.log(gain)))])
 
 
 def process_gain(process: Process) -> float:
@@ -77,14 +87,17 @@ def process_gain(process: Process) -> float:
     return gain_sign(process) * size
 
 
-def _lag_and_gain(process: Process) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Phase lag [rad] of the process taken with positive gain, and its gain, over all frequencies of practice."""
+def _lag_and_gain(process: Process) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Frequencies of practice, the phase lag [rad] of the process taken with positive gain, and its gain."""
+    prompt = process.without_delay()
+    w = _W if process.delay <= _LONG_DELAY else np.union1d(_W, _W * (_LONG_DELAY / process.delay))
     with np.errstate(all="ignore"):
-        value = gain_sign(process) * process(1j * _W)
+        value = gain_sign(process) * prompt(1j * w)
     if not np.all(np.isfinite(value)):
         raise InputError(f"process {process} is infinite at some frequency; allowed: give the crossover")
     seen = np.abs(value) > np.finfo(float).tiny
     value = value if seen.all() else value[: max(int(np.argmin(seen)), 1)]
-    lag = -np.unwrap(np.angle(value))
+    w = w[: len(value)]
+    lag = process.delay * w - np.unwrap(np.angle(value))
     # The first phase is known up to a full turn only: a lag between 0 and a turn.
-    return lag + 2.0 * math.pi * np.ceil(-(lag[0] + 0.1) / (2.0 * math.pi)), np.abs(value)
+    return w, lag + 2.0 * math.pi * np.ceil(-(lag[0] + 0.1) / (2.0 * math.pi)), np.abs(value)

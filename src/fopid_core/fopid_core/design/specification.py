@@ -17,6 +17,9 @@ FREQUENCY_SOLVERS = ("square", "paper", "monje")
 TIME_SOLVERS = ("gauss-newton", "nelder-mead")
 NUMBERS = ("kp", "ki", "kd", "lam", "mu")
 
+PRACTICAL = (1e-12, 1e12)
+"""Times [s] and frequencies [rad/s] that can be asked for."""
+
 Progress = Callable[[float, str], None]
 """Called with the share of the work done, 0 to 1, and what is being done."""
 
@@ -49,10 +52,40 @@ class Bound:
 
     def __post_init__(self) -> None:
         require(math.isfinite(self.db), "bound", self.db, "a finite number of dB")
-        require(0 < self.frequency < math.inf, "frequency of the bound", self.frequency, "above 0 rad/s")
+        _require_practical("frequency of the bound", self.frequency, "rad/s")
 
     def __str__(self) -> str:
         return f"{self.db:g} dB at {self.frequency:g} rad/s"
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a loop must keep.
+
+    Attributes
+    ----------
+    ms_max, mt_max : float
+        On max |S| and max |T|; infinite for none.
+    noise_max : float
+        On max |C S| up to the Nyquist frequency of the controller.
+    t_max, s_max : Bound, optional
+        On |T| above and |S| below a frequency.
+    u_max : float
+        On the control after a unit setpoint step, of the controller as it runs.
+    sample_time : float
+        Its tick [s].
+    horizon : float
+        Up to which the whole control counts [s]; 0 for the control at the step itself.
+    """
+
+    ms_max: float = math.inf
+    mt_max: float = math.inf
+    noise_max: float = math.inf
+    t_max: Bound | None = None
+    s_max: Bound | None = None
+    u_max: float = math.inf
+    sample_time: float = 0.01
+    horizon: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -168,8 +201,8 @@ class TuningRequest:
             one_of("solver", self.solver, {"frequency": FREQUENCY_SOLVERS, "time": TIME_SOLVERS}.get(self.method, ()))
         if self.phase_margin is not None:
             require(0 < self.phase_margin < math.pi, "phase_margin", self.phase_margin, "above 0 and below pi rad")
-        for name in ("crossover", "horizon", "sample_time", "timeout"):
-            _require_positive(name, getattr(self, name))
+        for name, unit in (("crossover", "rad/s"), ("horizon", "s"), ("sample_time", "s"), ("timeout", "s")):
+            _require_practical(name, getattr(self, name), unit)
         for name, least in (("ms_max", 1.0), ("u_max", 0.0), ("noise_max", 0.0)):
             bound = getattr(self, name)
             require(bound is None or bound > least, name, bound, f"above {least:g}, inf for none")
@@ -247,6 +280,8 @@ class TuningResult:
         Number of designs looked at.
     elapsed : float
         [s]
+    at_edge : tuple of str
+        Numbers that end on the edge of their range: a better design may lie beyond it.
     """
 
     success: bool
@@ -260,6 +295,7 @@ class TuningResult:
     cost: float
     evaluations: int
     elapsed: float
+    at_edge: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -277,6 +313,10 @@ class Proposal:
         What was minimised.
     evaluations : int
         Number of designs looked at.
+    bounds : Bounds
+        What the design must keep on the process itself.
+    at_edge : tuple of str
+        Numbers that end on the edge of their range.
     """
 
     controller: Fopid | None
@@ -284,6 +324,8 @@ class Proposal:
     message: str
     cost: float
     evaluations: int
+    bounds: Bounds = field(default_factory=Bounds)
+    at_edge: tuple[str, ...] = ()
 
 
 def require(holds: bool, name: str, value: object, allowed: str) -> None:
@@ -297,6 +339,8 @@ def one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
     require(value in allowed, name, repr(value), ", ".join(allowed) or "none for this method")
 
 
-def _require_positive(name: str, value: float | None) -> None:
+def _require_practical(name: str, value: float | None, unit: str) -> None:
+    """Times and frequencies that are not too far from 1 to compute with."""
     if value is not None:
-        require(0 < value < math.inf, name, value, "above 0")
+        low, high = PRACTICAL
+        require(low <= value <= high, name, value, f"{low:g} to {high:g} {unit}")

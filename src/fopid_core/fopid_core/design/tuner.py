@@ -18,7 +18,7 @@ from fopid_core.design.specification import (
     TuningResult,
     no_progress,
 )
-from fopid_core.design.verification import achieved
+from fopid_core.design.verification import achieved, checks
 from fopid_core.model.loop import Loop
 from fopid_core.model.stability import stability
 
@@ -98,6 +98,7 @@ def _verified(request: TuningRequest, proposal: Proposal) -> TuningResult:
         cost=proposal.cost,
         evaluations=proposal.evaluations,
         elapsed=0.0,
+        at_edge=proposal.at_edge,
     )
     if proposal.controller is None:
         return failed
@@ -107,16 +108,8 @@ def _verified(request: TuningRequest, proposal: Proposal) -> TuningResult:
     if not verdict.stable:
         unmet = (*proposal.unmet, f"stability on the process itself: {verdict.reason}")
         return replace(found, unmet=unmet, message=f"{proposal.message}; no design is handed out")
+    broken = [check for check in checks(loop, proposal.bounds) if not check.holds]
+    named = [check for check in broken if not any(text.startswith(check.asked) for text in proposal.unmet)]
+    unmet = (*proposal.unmet, *(str(check) for check in named))
     measured = achieved(loop, request.t_max, request.s_max)
-    unmet = proposal.unmet + _broken_on_process(request, proposal, measured)
     return replace(found, success=not unmet, controller=proposal.controller, achieved=measured, unmet=unmet)
-
-
-def _broken_on_process(request: TuningRequest, proposal: Proposal, measured: Achieved) -> tuple[str, ...]:
-    """Bounds that hold on the reduced model a design was made on, but not on the process itself."""
-    broken = []
-    for function, bound, db in (("|T|", request.t_max, measured.t_db), ("|S|", request.s_max, measured.s_db)):
-        named = any(text.startswith(function) for text in proposal.unmet)
-        if bound is not None and db > bound.db + 1e-3 and not named:
-            broken.append(f"{function} <= {bound}: {db:.2f} dB on the process itself")
-    return tuple(broken)

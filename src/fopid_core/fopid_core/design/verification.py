@@ -1,17 +1,31 @@
-"""What a design does on the process itself, whatever it was made on."""
+"""What a design does on the process itself, whatever it was made on, and which of the bounds it breaks.
+
+The one place where bounds are checked, for all methods of tuning: by the exact peaks of the loop (``loop_peaks``), not
+by the grids on which the design was sought.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from fopid_core.design.specification import Achieved, Bound
+from fopid_core.design.control_peak import first_control
+from fopid_core.design.specification import Achieved, Bound, Bounds
+from fopid_core.errors import InputError
 from fopid_core.model.loop import Loop
+from fopid_core.model.loop_peaks import LoopPeaks
 from fopid_core.model.margins import margins
+from fopid_core.model.response import step_response
 
-DECADES = 4.0
-"""How far beyond its edge the band of a bound is looked at."""
+EXACT = 1e-6
+"""Relative error of a checked value, and so how far above its bound it may be."""
+EXACT_DB = 20.0 * EXACT / math.log(10.0)
+"""The same in dB."""
+SMOOTH_TICKS = 4
+"""Ticks after which the running controller's control is that of the ideal one; before that its first one is larger."""
 
 
 def achieved(loop: Loop, t_max: Bound | None = None, s_max: Bound | None = None) -> Achieved:
@@ -33,14 +47,114 @@ def achieved(loop: Loop, t_max: Bound | None = None, s_max: Bound | None = None)
         delay_margin=found.delay_margin,
         ms=found.ms,
         mt=found.mt,
-        t_db=_largest_db(loop, t_max, DECADES, "T"),
-        s_db=_largest_db(loop, s_max, -DECADES, "S"),
+        t_db=math.nan if t_max is None else largest_t_db(loop, t_max),
+        s_db=math.nan if s_max is None else largest_s_db(loop, s_max),
     )
 
 
-def _largest_db(loop: Loop, bound: Bound | None, decades: float, function: str) -> float:
-    if bound is None:
-        return math.nan
-    w = bound.frequency * np.logspace(0.0, decades, 2000)
-    values = loop.complementary_sensitivity(1j * w) if function == "T" else loop.sensitivity(1j * w)
-    return float(20.0 * np.log10(np.abs(values).max()))
+def largest_t_db(loop: Loop, bound: Bound) -> float:
+    """The largest |T| on the band of a bound, from its frequency on [dB]."""
+    return _db(LoopPeaks(loop).complementary((bound.frequency, math.inf)).value)
+
+
+def largest_s_db(loop: Loop, bound: Bound) -> float:
+    """The largest |S| on the band of a bound, up to its frequency [dB]."""
+    return _db(LoopPeaks(loop).sensitivity((0.0, bound.frequency)).value)
+
+
+@dataclass(frozen=True)
+class Check:
+    """A bound and the exact value of what it is on.
+
+    Attributes
+    ----------
+    name : str
+        What is bounded.
+    asked : str
+        The bound in words.
+    bound, value : float
+        The value is NaN where it is not known.
+    tolerance : float
+        How far the value may be above the bound: its error.
+    unit : str
+        Of the value.
+    reason : str
+        Why it is not known.
+    """
+
+    name: str
+    asked: str
+    bound: float
+    value: float
+    tolerance: float
+    unit: str = ""
+    reason: str = "the loop is too close to the border of stability"
+
+    @property
+    def holds(self) -> bool:
+        """Whether the bound is kept for certain."""
+        return self.value <= self.bound + self.tolerance
+
+    def __str__(self) -> str:
+        if math.isnan(self.value):
+            return f"{self.asked}: not known, {self.reason}"
+        digits = next((n for n in range(4, 10) if f"{self.value:.{n}g}" != f"{self.bound:.{n}g}"), 10)
+        return f"{self.asked}: {self.value:.{digits}g}{self.unit} on the process itself"
+
+
+def checks(loop: Loop, bounds: Bounds) -> tuple[Check, ...]:
+    """Every bound that was asked for, against the exact value.
+
+    Examples
+    --------
+    >>> from fopid_core.model.fopid import Fopid
+    >>> from fopid_core.model.process import Process
+    >>> (check,) = checks(Loop(Process.parse("1/(s+1)^3"), Fopid(kp=2.0)), Bounds(ms_max=1.5))
+    >>> check.holds, str(check)
+    (False, 'max |S| <= 1.5: 1.667 on the process itself')
+    """
+    return tuple(_checks(loop, bounds))
+
+
+def _checks(loop: Loop, bounds: Bounds) -> Iterator[Check]:
+    peaks = LoopPeaks(loop)
+    if bounds.t_max is not None:
+        yield _in_db("|T|", bounds.t_max, largest_t_db(loop, bounds.t_max))
+    if bounds.s_max is not None:
+        yield _in_db("|S|", bounds.s_max, largest_s_db(loop, bounds.s_max))
+    if math.isfinite(bounds.ms_max):
+        yield _peak("max |S|", bounds.ms_max, peaks.sensitivity().value)
+    if math.isfinite(bounds.mt_max):
+        yield _peak("max |T|", bounds.mt_max, peaks.complementary().value)
+    if math.isfinite(bounds.noise_max):
+        nyquist = math.pi / bounds.sample_time
+        yield _peak("noise gain", bounds.noise_max, peaks.noise_gain((0.0, nyquist)).value)
+    if math.isfinite(bounds.u_max):
+        yield _control(loop, bounds)
+
+
+def _peak(name: str, bound: float, value: float) -> Check:
+    return Check(name, f"{name} <= {bound:g}", bound, value, EXACT * bound)
+
+
+def _in_db(name: str, bound: Bound, db: float) -> Check:
+    return Check(name, f"{name} <= {bound}", bound.db, db, EXACT_DB, " dB")
+
+
+def _control(loop: Loop, bounds: Bounds) -> Check:
+    """The first control of the running controller is exact; the rest is that of the ideal one, as exact as that is."""
+    asked = f"control peak <= {bounds.u_max:g}"
+    value = abs(float(first_control(np.array([loop.controller.gains]), bounds.sample_time)[0]))
+    error, reason = EXACT * bounds.u_max, ""
+    if bounds.horizon > SMOOTH_TICKS * bounds.sample_time and value <= bounds.u_max:
+        try:
+            response = step_response(loop, bounds.horizon)
+        except InputError as refusal:
+            return Check("control peak", asked, bounds.u_max, math.nan, error, reason=str(refusal))
+        later = np.abs(response.control[response.time >= SMOOTH_TICKS * bounds.sample_time])
+        value, error = max(value, float(later.max(initial=0.0))), max(error, response.control_accuracy * bounds.u_max)
+    return Check("control peak", asked, bounds.u_max, value, error, reason=reason)
+
+
+def _db(gain: float) -> float:
+    return 20.0 * math.log10(gain) if gain > 0.0 else -math.inf if gain == 0.0 else math.nan

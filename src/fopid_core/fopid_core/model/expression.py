@@ -159,10 +159,14 @@ class _Reader(Interpreter[Token, Quotient]):
 
     def product(self, tree: Tree[Token]) -> Quotient:
         result, operator, implied = _number(1.0), "*", False
+        before: Tree[Token] | None = None
         for child in tree.children:
             if isinstance(child, Token):
                 operator, implied = str(child), False
                 continue
+            if before is not None and (implied or operator == "*"):
+                self._check_exponent(before)
+            before = child
             factor = self.visit(child)
             if operator == "/" and not implied:
                 result = self._divide(child, result, factor)
@@ -174,6 +178,17 @@ class _Reader(Interpreter[Token, Quotient]):
                 result = self._multiply(child, result, factor)
             implied = True
         return result
+
+    def _check_exponent(self, tree: Tree[Token]) -> None:
+        """Refuse ``e^-2`` before a further factor: ``e^-2s`` may be meant as ``e^(-2s)``."""
+        if tree.data != "raise_to" or not _is_exponential(tree):
+            return
+        exponent = tree.children[1]
+        if isinstance(exponent, Tree) and exponent.data != "group" and self._read(exponent).constant() is not None:
+            power = self._text[exponent.meta.start_pos : exponent.meta.end_pos]
+            raise self._error(
+                tree, f"a product with e^{power} is read in two ways; write e^({power}s) or (e^{power})*s"
+            )
 
     def exponential(self, tree: Tree[Token]) -> Quotient:
         return self._exponential_of(tree, self._read(tree.children[0]))

@@ -12,6 +12,9 @@ from fopid_core.errors import InputError
 from fopid_core.model.arrays import Complexes
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 
+LARGEST_GAIN = 1e100
+"""Of kp, ki and kd, in size: beyond it products are no numbers any more."""
+
 ORDER_RANGE = (0.0, 2.0)
 """Allowed orders lam and mu, as in section 4.1 of the paper."""
 
@@ -23,7 +26,7 @@ class Fopid:
     Attributes
     ----------
     kp, ki, kd : float
-        Proportional, integral and derivative gain; any finite number.
+        Proportional, integral and derivative gain, up to 1e100 in size.
     lam, mu : float
         Order of the integral and of the derivative, each in [0, 2].
 
@@ -46,6 +49,9 @@ class Fopid:
             if not math.isfinite(value):
                 raise InputError(f"{name} = {value}; allowed: a finite number")
             object.__setattr__(self, name, float(value))
+        for name in ("kp", "ki", "kd"):
+            if abs(getattr(self, name)) > LARGEST_GAIN:
+                raise InputError(f"{name} = {getattr(self, name)}; allowed: up to {LARGEST_GAIN:g} in size")
         low, high = ORDER_RANGE
         for name in ("lam", "mu"):
             if not low <= getattr(self, name) <= high:

@@ -24,7 +24,7 @@ _NEGLIGIBLE = 1e-10  # where all terms but the first are so small, the limit is 
 _TAIL_POINTS = 48
 _RESOLVED = 0.5  # of a delay's phase in one interval [rad]
 _AT_ONCE = 4096
-_MOST_POINTS = 400_000
+_MOST_POINTS = 100_000
 _LARGEST_LOG = 700.0  # exp of it is a number
 _NARROWEST = 1e-14  # of an interval, relative
 
@@ -229,7 +229,7 @@ def _reach(curve: _Curve, ends: Floats, values: Floats, off: Floats) -> Floats:
         return np.asarray(cubic)
     lag = curve.delay * (np.exp(np.minimum(ends[1], _LARGEST_LOG)) - np.exp(np.minimum(ends[0], _LARGEST_LOG)))
     bound = np.maximum(values[0, 2], values[1, 2]) + off[1]
-    return np.asarray(np.where(lag < _RESOLVED, cubic, bound))
+    return np.asarray(np.where((lag < _RESOLVED) & (ends[1] < _LARGEST_LOG), cubic, bound))
 
 
 def _summit(ends: Floats, values: Floats) -> Floats:

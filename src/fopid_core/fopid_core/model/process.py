@@ -23,6 +23,10 @@ TEST_BENCH = {
 }
 """The paper's higher order test bench, eqs. (12) to (15)."""
 
+COEFFICIENT_RANGE = (1e-100, 1e100)
+DELAY_RANGE = (1e-12, 1e12)
+"""Sizes of the numbers of a process, and delays [s]: beyond them products are no numbers any more."""
+
 
 @dataclass(frozen=True)
 class Process:
@@ -65,6 +69,9 @@ class Process:
         for part in (self.numerator, self.denominator):
             if any(not math.isfinite(x) for t in part.terms for x in (t.coefficient, t.order, t.delay)):
                 raise InputError(f"process {self} has a number that is not finite; allowed: finite numbers")
+            for t in part.terms:
+                _check_size(self, "the coefficient", abs(t.coefficient), COEFFICIENT_RANGE)
+                _check_size(self, "the delay", abs(t.delay), DELAY_RANGE)
         if self.numerator.lowest_delay < 0:
             raise InputError(f"process {self} looks into the future; allowed: delays >= 0")
         degree = self.denominator.degree
@@ -207,6 +214,12 @@ class Process:
             numerator = f"({numerator})"
         body = numerator if str(self.denominator) == "1" else f"{numerator}/({self.denominator})"
         return f"{body} * exp(-{number_text(delay)}s)" if delay else body
+
+
+def _check_size(process: Process, name: str, size: float, allowed: tuple[float, float]) -> None:
+    low, high = allowed
+    if size and not low <= size <= high:
+        raise InputError(f"process {process} has {name} {size:g}; allowed: 0 or {low:g} to {high:g} in size")
 
 
 def _process(value: Process | float) -> Process:

@@ -22,6 +22,9 @@ from fopid_core.model.step_transforms import Source, StepTransforms
 
 __all__ = ["Response", "Source", "check_horizon", "step_response"]
 
+HORIZON_RANGE = (1e-12, 1e12)
+"""Shortest and longest horizon [s]."""
+
 MOST_POINTS = 5_000_000
 """Instants that a response is given at, at most."""
 
@@ -138,8 +141,9 @@ def _relative(doubt: Floats, signal: Floats) -> float:
 
 def check_horizon(loop: Loop, horizon: float) -> None:
     """Refuse a horizon [s] on which there is nothing to see."""
-    if not (math.isfinite(horizon) and horizon > 0.0):
-        raise InputError(f"horizon = {horizon}; allowed: a positive number of seconds")
+    low, high = HORIZON_RANGE
+    if not low <= horizon <= high:
+        raise InputError(f"horizon = {horizon}; allowed: {low:g} to {high:g} s")
     if horizon <= loop.process.delay:
         raise InputError(f"horizon = {horizon}; allowed: longer than the process's delay of {loop.process.delay:g} s")
 

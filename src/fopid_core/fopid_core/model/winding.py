@@ -20,8 +20,8 @@ from fopid_core.model.quasipolynomial import QuasiPolynomial
 
 BORDER = 1e-9  # a zero that so small a relative change of the coefficients puts on the axis is too close to call
 _SAME_ORDER = 1e-11
-_LOWEST_LOG, _HIGHEST_LOG = -1e6, 1e6  # of a frequency; with a delay only up to
-_HIGHEST_TURNING_LOG = 600.0
+_LARGEST_LOG_FREQUENCY = 1e6
+_LARGEST_EXPONENT = 600.0  # exp of it is a number; a delay turns so fast there that its phase is never asked for
 LARGEST_LOG = 300.0  # of a value that can still be squared
 _FIRST_STEP = 0.35
 _FEWEST_STEPS, _MOST_STEPS = 24, 160
@@ -100,7 +100,7 @@ def count_zeros(coefficients: Floats, orders: Floats, delays: Floats, most_inter
     family = _Family.of(coefficients, orders, delays)
     phase, margin, certain, grid = _follow(family, most_intervals)
     margin = np.where(family.well_posed, margin, 0.0)
-    raw = family.top_order / 2.0 - phase / np.pi
+    raw = np.nan_to_num(family.top_order / 2.0 - phase / np.pi, nan=-1.0, posinf=-1.0, neginf=-1.0)
     count = np.rint(raw)
     decided = certain & family.well_posed & (np.abs(raw - count) < 0.01) & (count >= 0)
     grid = grid[np.abs(grid) < LARGEST_LOG / (2.0 + family.orders.max())]
@@ -139,7 +139,7 @@ class _Family:
             top_order, top, gain, end = _high_end(coefficients, orders, delays, log_size, active)
         constants = np.where(active & (orders <= _SAME_ORDER), size, 0.0).sum(axis=1)
         well_posed = (np.abs(low) > BORDER * constants) & (gain < 1.0 - BORDER) & (top != 0.0)
-        within_reach = (start > _LOWEST_LOG) & (end < (_HIGHEST_TURNING_LOG if delays.any() else _HIGHEST_LOG))
+        within_reach = (start > -_LARGEST_LOG_FREQUENCY) & (end < _LARGEST_LOG_FREQUENCY)
         phasors = np.sign(coefficients) * np.exp(0.5j * np.pi * np.where(active, orders, 0.0))
         orders = np.where(active, orders, 0.0)
         end = np.maximum(end, start + 1.0)
@@ -157,7 +157,7 @@ class _Family:
         shares /= total[:, None]
         phasors = self.phasors[owner]
         if self.delays.any():
-            phasors = phasors * np.exp(-1j * np.exp(z)[:, None] * self.delays)
+            phasors = phasors * np.exp(-1j * np.exp(np.minimum(z, _LARGEST_EXPONENT))[:, None] * self.delays)
         return shares, largest + np.log(total), np.einsum("mk,mk->m", shares, phasors)
 
 
@@ -264,17 +264,56 @@ def _end_phases(family: _Family, points: _Points, owner: Indexes) -> Floats:
 def _certificate(family: _Family, owner: Indexes, left: _Points, right: _Points) -> tuple[Booleans, Floats]:
     """Whether the curve provably keeps away from zero in each interval, and the angle it then turns by."""
     step = right.z - left.z
-    local_order = (right.log_total - left.log_total) / step
-    frequency = np.exp(np.minimum(right.z, _HIGHEST_TURNING_LOG))
+    local_order = (right.log_total - left.log_total) / np.maximum(step, np.finfo(float).tiny)
+    frequency = np.exp(np.minimum(right.z, _LARGEST_EXPONENT))
     reference = _dominant_delay(family, left)
     lag = np.minimum(np.abs(family.delays - reference[:, None]) * frequency[:, None], _LARGEST_LAG)
     rate = np.abs(family.orders[owner] - local_order[:, None]) + lag
     bend = np.minimum((step**2 / 8.0)[:, None] * (rate**2 + lag), 2.0)
     deviation = np.einsum("mk,mk->m", np.maximum(left.shares, right.shares), bend)
-    sweep = reference * (frequency - np.exp(np.minimum(left.z, _HIGHEST_TURNING_LOG)))
+    sweep = reference * (frequency - np.exp(np.minimum(left.z, _LARGEST_EXPONENT)))
     end = right.value * np.exp(1j * sweep)
     clearance = np.abs(left.value) + np.abs(end) - np.abs(end - left.value)
-    return clearance > 2.0 * deviation, np.angle(end * np.conj(left.value)) - sweep
+    certain, turn = clearance > 2.0 * deviation, np.angle(end * np.conj(left.value)) - sweep
+    other = np.flatnonzero(~certain)
+    if other.size and family.delays.any():
+        part = _Interval(family, owner[other], left.at(other), right.at(other), reference[other], bend[other])
+        certain[other], outweighed = part.outweighed()
+        turn[other] = np.where(certain[other], outweighed, turn[other])
+    return certain, turn
+
+
+@dataclass(frozen=True)
+class _Interval:
+    """Intervals in which the terms of one delay may outweigh all others, however these turn."""
+
+    family: _Family
+    owner: Indexes
+    left: _Points
+    right: _Points
+    reference: Floats
+    bend: Floats
+
+    def outweighed(self) -> tuple[Booleans, Floats]:
+        """Whether they do, and the angle by which the curve then turns."""
+        own = self.family.delays == self.reference[:, None]
+        phasors = np.where(own, self.family.phasors[self.owner], 0.0)
+        first, last = (np.einsum("mk,mk->m", points.shares, phasors) for points in (self.left, self.right))
+        shares = np.maximum(self.left.shares, self.right.shares)
+        deviation = np.einsum("mk,mk->m", shares, np.where(own, self.bend, 0.0))
+        others = np.einsum("mk,mk->m", shares, np.where(own, 0.0, 1.0))
+        clearance = 0.5 * (np.abs(first) + np.abs(last) - np.abs(last - first))
+        certain: Booleans = clearance > deviation + others
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turn = np.angle(last * np.conj(first))
+            turn += np.angle(self.right.value / (last * self._lag(self.right)))
+            turn -= np.angle(self.left.value / (first * self._lag(self.left)))
+        frequencies = (np.exp(np.minimum(points.z, _LARGEST_EXPONENT)) for points in (self.right, self.left))
+        return certain, turn - self.reference * np.subtract(*frequencies)
+
+    def _lag(self, points: _Points) -> Complexes:
+        lag: Complexes = np.exp(-1j * self.reference * np.exp(np.minimum(points.z, _LARGEST_EXPONENT)))
+        return lag
 
 
 def _dominant_delay(family: _Family, points: _Points) -> Floats:

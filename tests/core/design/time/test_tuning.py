@@ -10,7 +10,8 @@ from scipy.optimize import minimize
 
 from fopid_core.design.time.objectives import Objective
 from fopid_core.design.time.problem import TimeProblem, TimeSpecification
-from fopid_core.design.time.tuning import TimeDesign, drawn_starts, tune_time
+from fopid_core.design.time.starts import starts
+from fopid_core.design.time.tuning import TimeDesign, tune_time
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.indices import indices
 from fopid_core.model.loop import Loop
@@ -84,9 +85,9 @@ def test_two_hundred_starts_of_another_optimiser_find_nothing_better(process: st
         return float(value[0]) if slack.min() >= 0.0 else 1e6 * (1.0 - float(slack.min()))
 
     rng = np.random.default_rng(0)
-    starts = np.concatenate([drawn_starts(problem, seed) for seed in (11, 12, 13)])[:200]
-    starts = np.column_stack([np.log(starts[:, :3] * rng.uniform(0.5, 1.0, (len(starts), 1)) + 1e-6), starts[:, 3:]])
-    rough = [minimize(cost, x, method="Nelder-Mead", options={"maxfev": 150}) for x in starts]
+    rows = np.concatenate([starts(problem, seed).drawn for seed in (11, 12, 13)])[:200]
+    logs = np.column_stack([np.log(rows[:, :3] * rng.uniform(0.5, 1.0, (len(rows), 1)) + 1e-6), rows[:, 3:]])
+    rough = [minimize(cost, x, method="Nelder-Mead", options={"maxfev": 150}) for x in logs]
     rough.sort(key=lambda found: found.fun)
     found = [minimize(cost, r.x, method="Nelder-Mead", options={"maxfev": 1500, "fatol": 1e-9}) for r in rough[:10]]
     gains = np.array([np.clip(np.concatenate([np.exp(f.x[:3]), f.x[3:]]), low, high) for f in found])

@@ -29,6 +29,8 @@ STEPS = tuple(0.0125 * 0.5**k for k in range(8))
 NEAR = 3
 """From which of the steps on a design is sought again near one that is known."""
 NEIGHBOURS = np.array([[i, j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])
+INSIDE_DB = 2e-3
+"""How far inside a bound a design must be [dB]: what the grid of frequencies does not show."""
 FLAT = math.radians(5.0)
 """The phase counts as flat where it stays this close to its value at the crossover [rad]."""
 
@@ -106,7 +108,7 @@ class Designs:
         worst = np.full(len(self), -np.inf)
         for bound, db in ((specification.t_max, self.t_db), (specification.s_max, self.s_db)):
             if bound is not None:
-                worst = np.maximum(worst, db - bound.db)
+                worst = np.maximum(worst, db - bound.db + INSIDE_DB)
         return worst
 
 

@@ -12,12 +12,14 @@ from fopid_core.design.frequency.tuning import FrequencyDesign, tune_frequency
 from fopid_core.design.reduction import reduce
 from fopid_core.design.specification import (
     Bound,
+    Bounds,
     Expired,
     FrequencySpecification,
     Progress,
     Proposal,
     TuningRequest,
 )
+from fopid_core.model.fopid import ORDER_RANGE, Fopid
 from fopid_core.model.process import Process
 
 BEST = {"peaks": "smallest peaks of |S| and |T|", "ms": "smallest ms", "flatness": "widest flat phase"}
@@ -41,18 +43,29 @@ def propose_frequency(request: TuningRequest, progress: Progress, expired: Expir
         phase_margin, crossover, request.t_max, request.s_max, request.criterion,
         request.u_max or math.inf, request.sample_time,
     )  # fmt: skip
+    bounds = Bounds(
+        t_max=request.t_max, s_max=request.s_max, u_max=request.u_max or math.inf, sample_time=request.sample_time
+    )
     progress(0.3, "searching the plane of orders")
     if request.solver in ("paper", "monje"):
         solve = solve_equations if request.solver == "paper" else optimise_constrained
         found = solve(process, wished)
-        return Proposal(found.controller, found.unmet, remark + request.solver, math.nan, found.evaluations)
+        return Proposal(found.controller, found.unmet, remark + request.solver, math.nan, found.evaluations, bounds)
     specification, design = _first_met(process, request, wished, expired)
     message = remark + _chosen(request, specification)
     if design.controller is None:
         return _without_design(process, specification, message, design.evaluations)
     message += f"{BEST[specification.criterion]} of all designs that meet it" if design.met else "nearest to the bounds"
     cost = design.ms if specification.criterion == "ms" else max(design.ms, design.mt)
-    return Proposal(design.controller, _unmet(specification, design), message, cost, design.evaluations)
+    return Proposal(
+        design.controller,
+        _unmet(specification, design),
+        message,
+        cost,
+        design.evaluations,
+        bounds,
+        _at_edge(design.controller),
+    )
 
 
 def _model(request: TuningRequest, progress: Progress) -> tuple[Process, str]:
@@ -157,6 +170,16 @@ def _without_design(
                 unmet = f"{asked}: nearest possible {math.degrees(margin):.4g} deg"
                 return Proposal(near.controller, (unmet,), message, near.ms, evaluations)
     return Proposal(None, (f"{asked}: none at any phase margin",), message, math.nan, evaluations)
+
+
+def _at_edge(controller: Fopid) -> tuple[str, ...]:
+    """Orders on the upper edge of the square; it is open at 0."""
+    highest = ORDER_RANGE[1]
+    return tuple(
+        f"{name} = {highest:g} (range 0 to {highest:g})"
+        for name in ("lam", "mu")
+        if getattr(controller, name) >= highest
+    )
 
 
 def _unmet(specification: FrequencySpecification, design: FrequencyDesign) -> tuple[str, ...]:

@@ -57,13 +57,18 @@ class Descent:
     @property
     def merit(self) -> float:
         """Cost with a penalty on broken bounds: what is compared between descents."""
-        return self.cost * (1.0 + PENALTY * max(-self.slack - 0.01 * INSIDE, 0.0))
+        return self.cost * (1.0 + PENALTY * max(-self.slack, 0.0))
 
 
 def begin(problem: TimeProblem, rows: Real) -> list[Descent]:
     """Descents before their first step, from rows (kp, ki, kd, lam, mu)."""
     cost, slack = problem.cost_and_slack(rows)
     return [Descent(row, float(c), float(s.min())) for row, c, s in zip(rows, cost, slack, strict=True)]
+
+
+def fresh(descent: Descent) -> Descent:
+    """The same point as the beginning of a descent."""
+    return Descent(descent.gains, descent.cost, descent.slack)
 
 
 def descend(

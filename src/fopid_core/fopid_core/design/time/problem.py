@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,6 +17,7 @@ from fopid_core.design.specification import NUMBERS
 from fopid_core.design.time.objectives import LoopResponses, Objective
 from fopid_core.design.time.search_response import ResponseGrid
 from fopid_core.model.process import Process
+from fopid_core.model.winding import right_half_plane_zeros
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -23,8 +26,15 @@ LARGEST_GAIN = 500.0
 """Of the paper's box, section 4.1; here in units of the process's gain and time, and from 0 on."""
 BANDS = 12
 """A largest value counts as one for each of so many bands: each is smooth in the gains where their maximum is not."""
-PROPER = 0.05
-"""How far mu stays below the process's relative degree: at it the loop gain does not vanish at high frequency."""
+LEAST_ORDER = 0.05
+"""Of an integral and of a derivative."""
+SAFE = 3e-5
+"""Share of a bound that is kept clear of in a search, for what its grids do not show."""
+AROUND = np.array([-0.4, -0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2, 0.4])
+"""Where a peak is looked at, in units of its width."""
+NOISE_BANDS = 6
+EDGE = 1e-6
+"""How near to an end of its range a number counts as being there, in units of its scale."""
 STEP = 1e-6
 """Relative change of a number from which slopes are taken."""
 SMOOTHED = 4
@@ -98,6 +108,8 @@ class TimeProblem:
         Frequencies in each band.
     watch_control : bool
         Whether the whole control signal is bounded, not its first sample only, which nearly always is the largest.
+    watched : tuple of float
+        Further frequencies that are looked at, as ln w.
     """
 
     def __init__(
@@ -107,19 +119,23 @@ class TimeProblem:
         points: int | None = None,
         density: int = 20,
         watch_control: bool = False,
+        watched: tuple[float, ...] = (),
     ) -> None:
         self.process, self.specification = process, specification
-        self.density, self.watch_control = density, watch_control
+        self.density, self.watch_control, self.watched = density, watch_control, watched
         self.speed, self.gain = natural_crossover(process, PHASE_MARGIN), process_gain(process)
         self.points = points or enough_points(specification.horizon * self.speed)
         self.evaluations = 0
         self._grid = ResponseGrid(process, specification.horizon, self.points, self.speed)
         self._weights = specification.objective.time_weights(self._grid.time)
-        self._w = self.speed * np.logspace(-2.5, 2.5, density * BANDS)
-        self._log_w, self._p = np.log(self._w), process(1j * self._w)
-        nyquist = max(math.pi / specification.sample_time, self.speed)
-        noise_w = np.geomspace(0.1 * self.speed, nyquist, 60)
-        self._log_noise_w, self._noise_p = np.log(noise_w), process(1j * noise_w)
+        grid = math.log(self.speed) + math.log(10.0) * np.linspace(-2.5, 2.5, density * BANDS)
+        self._log_w = np.union1d(grid, [*_resonances(process, grid), *watched])
+        self._w = np.exp(self._log_w)
+        self._p = process(1j * self._w)
+        nyquist = math.log(max(math.pi / specification.sample_time, self.speed))
+        grid = np.linspace(math.log(0.1 * self.speed), nyquist, 60)
+        self._log_noise_w = np.union1d(grid, [z for z in watched if z < nyquist])
+        self._noise_p = process(1j * np.exp(self._log_noise_w))
         size = abs(self.gain)
         self.scale = np.array([1.0 / size, self.speed / size, 1.0 / (size * self.speed), 1.0, 1.0])
         self.box = self._box()
@@ -127,9 +143,9 @@ class TimeProblem:
     def _box(self) -> Real:
         """Lowest and highest of each number, shape (5, 2)."""
         highest = math.copysign(LARGEST_GAIN, self.gain) * self.scale[:3]
-        largest_mu = min(2.0, max(self.process.relative_degree - PROPER, PROPER))
+        largest_mu = min(2.0, max(self.process.relative_degree, LEAST_ORDER))
         gains = np.sort(np.stack([0.0 * highest, highest], axis=1), axis=1)
-        box = np.concatenate([gains, [[PROPER, 2.0], [PROPER, largest_mu]]])
+        box = np.concatenate([gains, [[LEAST_ORDER, 2.0], [LEAST_ORDER, largest_mu]]])
         for name, bounds in self.specification.bounds.items():
             box[NUMBERS.index(name)] = bounds
         for name, value in self.specification.fixed.items():
@@ -141,10 +157,29 @@ class TimeProblem:
         """Positions of the numbers that may change."""
         return np.flatnonzero(self.box[:, 0] < self.box[:, 1])
 
-    def changed(self, **changes: int | bool) -> TimeProblem:
+    def at_edge(self, gains: Real) -> tuple[str, ...]:
+        """Which of the five numbers, if they are free and count, end on the edge of their range, in words."""
+        idle = {"lam": gains[1] == 0.0, "mu": gains[2] == 0.0}
+        texts = []
+        for row in self.free:
+            name, (low, high) = NUMBERS[row], self.box[row]
+            if min(gains[row] - low, high - gains[row]) <= EDGE * self.scale[row] and not idle.get(name, False):
+                texts.append(f"{name} = {gains[row]:.4g} (range {low:.4g} to {high:.4g})")
+        return tuple(texts)
+
+    def changed(self, **changes: int | bool | tuple[float, ...]) -> TimeProblem:
         """The same problem on other grids."""
-        kept = {"points": self.points, "density": self.density, "watch_control": self.watch_control}
-        return TimeProblem(self.process, self.specification, **(kept | changes))  # type: ignore[arg-type]
+        kept = {name: getattr(self, name) for name in ("points", "density", "watch_control", "watched")}
+        return TimeProblem(self.process, self.specification, **(kept | changes))
+
+    def restricted(self, numbers: Mapping[str, float]) -> TimeProblem:
+        """The same problem with some of the five numbers kept at a value, or as near to it as the box lets them be."""
+        other = copy.copy(self)
+        other.box = self.box.copy()
+        for name, value in numbers.items():
+            row = NUMBERS.index(name)
+            other.box[row] = np.clip(value, *self.box[row])
+        return other
 
     def cost_and_slack(self, gains: Real) -> tuple[Real, Real]:
         """Cost (n,) and what is left to each bound (n, bounds), relative; negative where it is broken."""
@@ -194,12 +229,18 @@ class TimeProblem:
 
     def ms(self, gains: Real) -> Real:
         """Largest |S|, shape (n,)."""
-        return np.asarray(1.0 / np.abs(1.0 + self._p * _controller(gains, self._log_w)).min(axis=1))
+        loop = self._p * _controller(gains, self._log_w)
+        return np.asarray(np.exp(-_least_in_bands(_log_size(1.0 + loop), self._log_w, BANDS).min(axis=1)))
 
     def noise_gain(self, gains: Real) -> Real:
         """Largest |C S| up to the Nyquist frequency, shape (n,)."""
+        return np.asarray(np.exp(-self._noise(gains).min(axis=1)))
+
+    def _noise(self, gains: Real) -> Real:
+        """Negative logarithm of the largest |C S| in each of some bands, shape (n, bands)."""
         controller = _controller(gains, self._log_noise_w)
-        return np.asarray(np.abs(controller / (1.0 + controller * self._noise_p)).max(axis=1))
+        size = _log_size(1.0 + controller * self._noise_p) - _log_size(controller)
+        return _least_in_bands(size, self._log_noise_w, NOISE_BANDS)
 
     def _responses(self, gains: Real) -> LoopResponses:
         self.evaluations += len(gains)
@@ -217,14 +258,16 @@ class TimeProblem:
         bounds = self.specification
         columns: list[Real] = []
         if math.isfinite(bounds.ms_max):
-            columns += list(np.log(bounds.ms_max * _least_in_bands(np.abs(1.0 + loop))).T)
+            least = _least_in_bands(_log_size(1.0 + loop), self._log_w, BANDS)
+            columns += list(math.log(bounds.ms_max) + least.T)
         if math.isfinite(bounds.u_max):
             columns.append(1.0 - np.abs(first_control(gains, bounds.sample_time)) / bounds.u_max)
             if self.watch_control:
-                columns += list(1.0 + _least_in_bands(-np.abs(self._controls(gains))).T / bounds.u_max)
+                controls = -np.abs(self._controls(gains)) / bounds.u_max
+                columns += list(1.0 + _least_in_bands(controls, self._grid.time, BANDS).T)
         if math.isfinite(bounds.noise_max):
-            columns.append(1.0 - self.noise_gain(gains) / bounds.noise_max)
-        return np.stack(columns, axis=1) if columns else np.ones((len(gains), 1))
+            columns += list(math.log(bounds.noise_max) + self._noise(gains).T)
+        return np.stack(columns, axis=1) - SAFE if columns else np.ones((len(gains), 1))
 
 
 def enough_points(turns: float) -> int:
@@ -239,7 +282,37 @@ def _controller(gains: Real, log_w: Real) -> Complex:
     return np.asarray(kp + integral + kd * np.exp(0.5j * math.pi * mu) * np.exp(mu * log_w))
 
 
-def _least_in_bands(values: Real) -> Real:
-    """The least value in each of the bands along the second axis, shape (n, BANDS)."""
-    edges = np.linspace(0, values.shape[1], BANDS, endpoint=False).astype(int)
-    return np.asarray(np.minimum.reduceat(values, edges, axis=1))
+def _log_size(values: Complex) -> Real:
+    with np.errstate(divide="ignore"):
+        return np.asarray(0.5 * np.log(values.real**2 + values.imag**2))
+
+
+def _least_in_bands(values: Real, position: Real, bands: int) -> Real:
+    """The least value in each of some bands along the second axis, between points by a parabola, shape (n, bands)."""
+    edges = np.linspace(0, values.shape[1], bands + 1).astype(int)
+    columns = [first + values[:, first:last].argmin(axis=1) for first, last in itertools.pairwise(edges.tolist())]
+    least = np.stack(columns, axis=1)
+    rows, at = np.arange(len(values))[:, None], np.clip(least, 1, values.shape[1] - 2)
+    before, here, after = values[rows, at - 1], values[rows, at], values[rows, at + 1]
+    left, right = position[at] - position[at - 1], position[at + 1] - position[at]
+    fall, rise = (before - here) / left, (after - here) / right
+    bend = (fall + rise) / (left + right)
+    slope = (rise * left - fall * right) / (left + right)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bottom = here - 0.25 * slope**2 / bend
+    lowest = (at == least) & (fall >= 0.0) & (rise >= 0.0) & np.isfinite(bottom)
+    return np.asarray(np.where(lowest, bottom, values[rows, least]))
+
+
+def around(peak: float, width: float) -> tuple[float, ...]:
+    """Where to look at a peak of so much width, as ln w."""
+    return tuple((peak + width * AROUND).tolist())
+
+
+def _resonances(process: Process, grid: Real) -> Real:
+    """The points ln w, closer together than the grid, that show the poles of a process near the axis."""
+    z = right_half_plane_zeros(process.denominator).log_frequency
+    close = np.flatnonzero(np.diff(z) < 0.5 * (grid[1] - grid[0]))
+    fine: Real = z[np.union1d(close, close + 1)]
+    inside: Real = fine[(fine > grid[0]) & (fine < grid[-1])]
+    return inside

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 
 from fopid_core.design import defaults
-from fopid_core.design.specification import Expired, Progress, Proposal, TuningRequest, require
+from fopid_core.design.specification import Bounds, Expired, Progress, Proposal, TuningRequest, require
 from fopid_core.design.time.objectives import Objective
 from fopid_core.design.time.problem import TimeSpecification
-from fopid_core.design.time.tuning import BARELY, TimeDesign, tune_time
+from fopid_core.design.time.tuning import tune_time
 from fopid_core.model.process import Process
 
 TURNS = 40.0
 """Default horizon, in radians of the natural crossover."""
+MOST_TURNS = 10_000.0
+"""Longest horizon, in radians of the natural crossover: a search on a longer one would not see the process."""
 DELAYS = 12.0
 """Or in delays of the process, if that is longer."""
 
@@ -23,22 +25,35 @@ def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -
     solver = request.solver or "gauss-newton"
     design = tune_time(request.process, specification, request.start, solver, request.seed, progress, expired)
     message = f"{request.index} over {specification.horizon:.4g} s, {solver}; {_assumptions(request, specification)}"
+    bounds = Bounds(
+        ms_max=specification.ms_max,
+        noise_max=specification.noise_max,
+        u_max=specification.u_max,
+        sample_time=specification.sample_time,
+        horizon=specification.horizon,
+    )
     if design is None:
         unmet = ("stability: none of the controllers drawn is stable; a stable start may help",)
-        return Proposal(None, unmet, message, math.nan, 0)
+        return Proposal(None, unmet, message, math.nan, 0, bounds)
     if abs(design.final_error) > 0.02:
         message += f"; the error does not die out: {design.final_error:.3g} is left at the horizon"
-    return Proposal(
-        design.controller, _unmet(request.process, specification, design), message, design.cost, design.evaluations
-    )
+    if design.at_edge:
+        message += f"; on the edge of its range: {', '.join(design.at_edge)}"
+    hopeless = _hopeless(request.process, specification)
+    return Proposal(design.controller, hopeless, message, design.cost, design.evaluations, bounds, design.at_edge)
 
 
 def _specification(request: TuningRequest) -> TimeSpecification:
     process = request.process
+    held = process.steady_state_gain != 0.0
+    require(held, "process", process, "for this method one with a steady-state gain, since no control holds a setpoint")
     horizon = request.horizon
     if horizon is None:
         horizon = max(TURNS / defaults.natural_crossover(process, defaults.PHASE_MARGIN), DELAYS * process.delay)
     require(horizon > process.delay, "horizon", f"{horizon:g} s", f"longer than the delay {process.delay:g} s")
+    speed = defaults.natural_crossover(process, defaults.PHASE_MARGIN)
+    longest = MOST_TURNS / speed
+    require(horizon <= longest, "horizon", f"{horizon:g} s", f"up to {longest:.3g} s for so fast a process")
     return TimeSpecification(
         objective=Objective.of(request.index, request.weights),
         horizon=horizon,
@@ -63,20 +78,9 @@ def _assumptions(request: TuningRequest, specification: TimeSpecification) -> st
     return ", ".join(parts)
 
 
-def _unmet(process: Process, specification: TimeSpecification, design: TimeDesign) -> tuple[str, ...]:
-    if design.met:
+def _hopeless(process: Process, specification: TimeSpecification) -> tuple[str, ...]:
+    """Bounds that no controller keeps."""
+    at_rest = abs(1.0 / process.steady_state_gain) if process.steady_state_gain else math.inf
+    if at_rest <= specification.u_max:
         return ()
-    bounds = (
-        ("max |S|", specification.ms_max, design.ms),
-        ("control peak", specification.u_max, design.control_peak),
-        ("noise gain", specification.noise_max, design.noise_gain),
-    )
-    unmet = [
-        f"{name} <= {bound:g}: {value:.4g} is the nearest found"
-        for name, bound, value in bounds
-        if value > bound * (1.0 + BARELY)
-    ]
-    at_rest = abs(1.0 / process.steady_state_gain)
-    if at_rest > specification.u_max:
-        unmet.append(f"control peak <= {specification.u_max:g}: holding the setpoint alone takes {at_rest:.4g}")
-    return tuple(unmet) or ("the bounds together: the nearest found breaks one by less than 0.01 %",)
+    return (f"control peak <= {specification.u_max:g}: holding the setpoint alone takes {at_rest:.4g}",)

@@ -10,34 +10,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fopid_core.design.specification import Expired, Progress, no_progress
-from fopid_core.design.time.gauss_newton import Descent, begin, descend
+from fopid_core.design.time.gauss_newton import Descent, begin, descend, fresh
 from fopid_core.design.time.nelder_mead import simplex_search
-from fopid_core.design.time.problem import TimeProblem, TimeSpecification
+from fopid_core.design.time.problem import TimeProblem, TimeSpecification, around
+from fopid_core.design.time.starts import Starts, starts, with_idle_orders
+from fopid_core.design.verification import EXACT
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
+from fopid_core.model.loop_peaks import LoopPeaks
+from fopid_core.model.peaks import Band, Peak
 from fopid_core.model.process import Process
 from fopid_core.model.stability import stable_mask
 
 Real = NDArray[np.float64]
 
-SHAPES = 96
-"""Controllers drawn to begin with."""
-BEGUN, FOLLOWED = 6, 2
-"""How many of them a descent begins from, and how many descents are followed to the end."""
+BEGUN, BEGUN_EACH, FOLLOWED = 4, 2, 3
+"""How many of the controllers drawn a descent begins from, how many of each structure, and how many descents are
+followed to the end."""
 FIRST_STEPS, LAST_STEPS = 8, 80
-BARELY = 1e-4
-"""A bound broken by this share counts as met."""
+CARRIED, SAME = 6, 1e-5
+"""How many designs are looked at again on finer grids, and by how much their costs differ at least, relative."""
 RIGHT, ROUGHLY_RIGHT = 1e-3, 2e-2
 """Relative error of the cost from which on the time steps are too long; the latter for costs that jump."""
-RIGHT_MS, DENSE = 1e-4, 160
-"""Relative error of ms from which on the frequencies are too few, and how many a band has then."""
-ROUGH, ROUGH_POINTS = 5, 16
-"""Frequencies in a band, and time steps, where it is only to be seen which gains are about right."""
+MOST_WATCHED = 400
+"""Frequencies that are added, one exact peak after the other."""
+HALF_WAY = 0.2
+"""A peak's width is where the logarithm has fallen by this."""
 MOST_POINTS = 1 << 14
 
 
@@ -58,6 +62,8 @@ class TimeDesign:
         What is left of the error at the horizon.
     evaluations : int
         Number of controllers looked at.
+    at_edge : tuple of str
+        Free numbers that end on the edge of their range.
     """
 
     controller: Fopid
@@ -68,6 +74,7 @@ class TimeDesign:
     noise_gain: float
     final_error: float
     evaluations: int
+    at_edge: tuple[str, ...]
 
 
 def tune_time(
@@ -112,13 +119,13 @@ def tune_time(
     search = _Search(process, specification, solver, seed, progress or no_progress, expired or (lambda: False))
     problem = TimeProblem(process, specification)
     found = search.run(problem, _first_rows(start))
-    while found is not None:
-        better = _better_problem(problem, found)
+    while found:
+        better = _better_problem(problem, found[0])
         if better is None or search.expired():
-            return _answer(problem, found, search.evaluations)
+            return _answer(problem, found[0], search.evaluations)
         polish_only = better.watch_control == problem.watch_control
         problem = better
-        found = search.run(problem, found.gains[None], polish_only)
+        found = search.run(problem, np.array([descent.gains for descent in found]), polish_only)
     return None
 
 
@@ -127,30 +134,59 @@ def _first_rows(start: Fopid | None) -> Real:
 
 
 def _better_problem(problem: TimeProblem, found: Descent) -> TimeProblem | None:
-    """The problem on finer grids or with an eye on the whole control, if the found design needs it."""
+    """The problem on finer grids or with an eye on what the found design breaks, if it breaks something."""
     bounds, gains = problem.specification, found.gains[None]
     if not problem.watch_control and problem.largest_control(gains)[0] > bounds.u_max:
         return problem.changed(watch_control=True)
-    denser = problem.changed(density=DENSE)
-    if problem.density < DENSE and denser.ms(gains)[0] > max(bounds.ms_max, problem.ms(gains)[0]) * (1.0 + RIGHT_MS):
-        return denser
+    peaks = _peaks_above(problem, found)
+    if peaks and len(problem.watched) < MOST_WATCHED:
+        return problem.changed(watched=problem.watched + peaks)
     finer = problem.changed(points=2 * problem.points)
     cost = float(finer.cost_and_slack(gains)[0][0])
     is_right = abs(cost - found.cost) <= (RIGHT if bounds.objective.is_integral else ROUGHLY_RIGHT) * cost
     return None if is_right or finer.points > MOST_POINTS else finer
 
 
+def _peaks_above(problem: TimeProblem, found: Descent) -> tuple[float, ...]:
+    """Frequencies, as ln w, around exact peaks that are above what the problem's grids show and allow."""
+    bounds, gains = problem.specification, found.gains[None]
+    peaks = LoopPeaks(Loop(problem.process, Fopid(*found.gains)))
+    seen = (
+        (bounds.ms_max, problem.ms, peaks.sensitivity, (0.0, math.inf)),
+        (bounds.noise_max, problem.noise_gain, peaks.noise_gain, (0.0, math.pi / bounds.sample_time)),
+    )
+    places: list[float] = []
+    for bound, on_grid, exact, band in seen:
+        if math.isfinite(bound) and (peak := exact(band)).value > max(bound, on_grid(gains)[0] * (1.0 + EXACT)):
+            places += _around(exact, peak)
+    return tuple(places)
+
+
+def _around(exact: Callable[[Band], Peak], peak: Peak) -> tuple[float, ...]:
+    """Frequencies around a peak, as ln w."""
+    if not 0.0 < peak.frequency < math.inf:
+        return ()
+    place, width = math.log(peak.frequency), 0.5
+    while width > 1e-9:
+        edge = peak.frequency * math.exp(-width)
+        if math.log(peak.value / exact((edge, edge)).value) < HALF_WAY:
+            break
+        width *= 0.5
+    return around(place, width)
+
+
 def _answer(problem: TimeProblem, found: Descent, evaluations: int) -> TimeDesign:
     gains = found.gains[None]
     return TimeDesign(
         controller=Fopid(*(float(number) for number in found.gains)),
-        met=found.slack >= -BARELY,
+        met=found.slack >= 0.0,
         cost=found.cost,
         ms=float(problem.ms(gains)[0]),
         control_peak=float(problem.largest_control(gains)[0]),
         noise_gain=float(problem.noise_gain(gains)[0]),
         final_error=problem.final_error(gains[0]),
         evaluations=evaluations,
+        at_edge=problem.at_edge(found.gains),
     )
 
 
@@ -171,82 +207,71 @@ class _Search:
         self.evaluations = 0
         self._report, self._share = report, 0.0
 
-    def run(self, problem: TimeProblem, rows: Real, polish_only: bool = False) -> Descent | None:
-        """The best stable design found from some rows of gains and, unless polishing, from drawn ones."""
-        if not polish_only:
-            rows = np.concatenate([rows, drawn_starts(problem, self.seed)])
+    def run(self, problem: TimeProblem, rows: Real, polish_only: bool = False) -> list[Descent]:
+        """The best stable designs found from some rows of gains and, unless polishing, from many others."""
         rows = np.clip(rows, *problem.box.T)
-        rows = rows[stable_mask(self.process, rows)]
-        if not len(rows):
-            return None
-        begun = sorted(begin(problem, rows), key=lambda descent: descent.merit)[:BEGUN]
-        ended = self._simplex(problem, begun) if self.solver == "nelder-mead" else self._descend(problem, begun)
+        begun = begin(problem, rows[stable_mask(self.process, rows)]) if len(rows) else []
+        if not polish_only:
+            others = starts(problem, self.seed)
+            drawn = begin(problem, others.drawn) if len(others.drawn) else []
+            begun += sorted(drawn, key=_merit)[:BEGUN] + self._simpler_optima(problem, others)
+        if not begun:
+            return []
+        by_simplex = self.solver == "nelder-mead" or not self.specification.objective.is_integral
+        ended = self._simplex(problem, begun) if by_simplex else self._descend(problem, begun, polish_only)
         self.evaluations += problem.evaluations
-        ended.sort(key=lambda descent: descent.merit)
-        return next(d for d in [*ended, *begun] if stable_mask(self.process, d.gains[None])[0])
+        ended = sorted([*ended, *begun], key=_merit)
+        stable = stable_mask(self.process, np.array([descent.gains for descent in ended]))
+        return _different([descent for descent, holds in zip(ended, stable, strict=True) if holds])
+
+    def _simpler_optima(self, problem: TimeProblem, others: Starts) -> list[Descent]:
+        """The best controllers of each simpler structure, as starts for the whole problem."""
+        found: list[Descent] = []
+        for i, (simpler, rows) in enumerate(others.structured):
+            self.report(0.05 + 0.3 * i / len(others.structured), "descending in simpler structures")
+            begun = sorted(begin(simpler, rows), key=_merit)[:BEGUN_EACH] if len(rows) else []
+            if self.specification.objective.is_integral:
+                begun = [descend(simpler, descent, FIRST_STEPS, expired=self.expired) for descent in begun]
+                begun = sorted(begun, key=_merit)[:1]
+                begun = [descend(simpler, descent, LAST_STEPS, expired=self.expired) for descent in begun]
+            if begun:
+                best = min(begun, key=_merit)
+                found += [replace(fresh(best), gains=row) for row in with_idle_orders(problem, best.gains)]
+            self.evaluations += simpler.evaluations
+        return [d for d in found if stable_mask(self.process, d.gains[None])[0]]
 
     def report(self, share: float, what: str) -> None:
         """Say what is being done; a second round on finer grids does not take the share back."""
         self._share = max(self._share, share)
         self._report(self._share, what)
 
-    def _descend(self, problem: TimeProblem, begun: list[Descent]) -> list[Descent]:
-        if not self.specification.objective.is_integral:
-            return self._simplex(problem, begun)
-        under_way: list[Descent] = []
-        for i, descent in enumerate(begun):
-            self.report(
-                0.1 + 0.1 * i, f"descending from start {i + 1} of {len(begun)}, best cost so far {_best(under_way)}"
-            )
+    def _descend(self, problem: TimeProblem, begun: list[Descent], polish_only: bool) -> list[Descent]:
+        begun = sorted(begun, key=_merit)
+        under_way = begun if polish_only else []
+        for i, descent in enumerate(begun if not polish_only else []):
+            best = f"best cost so far {min(under_way, key=_merit).cost:.5g}" if under_way else ""
+            self.report(0.4 + 0.3 * i / len(begun), f"descending from start {i + 1} of {len(begun)} {best}")
             under_way.append(descend(problem, descent, FIRST_STEPS, expired=self.expired))
-        under_way.sort(key=lambda descent: descent.merit)
-        self.report(0.7, f"finishing the best, cost {_best(under_way)}")
-        ended = [descend(problem, descent, LAST_STEPS, expired=self.expired) for descent in under_way[:FOLLOWED]]
-        return ended + under_way[FOLLOWED:]
+        under_way.sort(key=_merit)
+        self.report(0.7, f"finishing the best, cost {under_way[0].cost:.5g}")
+        followed = 1 if polish_only else FOLLOWED
+        ended = [descend(problem, descent, LAST_STEPS, expired=self.expired) for descent in under_way[:followed]]
+        return ended + under_way[followed:]
 
     def _simplex(self, problem: TimeProblem, begun: list[Descent]) -> list[Descent]:
         self.report(0.2, "Nelder-Mead from perturbed starts")
-        return [simplex_search(problem, descent, self.expired) for descent in begun[: FOLLOWED + 1]]
+        begun = sorted(begun, key=_merit)[:FOLLOWED]
+        return [simplex_search(problem, descent, self.expired) for descent in begun]
 
 
-def _best(descents: list[Descent]) -> str:
-    return f"{min(descents, key=lambda descent: descent.merit).cost:.5g}" if descents else "none"
+def _merit(descent: Descent) -> float:
+    return descent.merit
 
 
-def drawn_starts(problem: TimeProblem, seed: int) -> Real:
-    """Stable controllers that lie about on the bounds, shape (n, 5)."""
-    drawn = _on_the_bounds(problem, _shapes(problem, seed))
-    stable: Real = drawn[stable_mask(problem.process, drawn)]
-    return stable
-
-
-def _shapes(problem: TimeProblem, seed: int) -> Real:
-    """Controllers of about gain 1 at the natural crossover, parts and orders drawn at random; some plain PID."""
-    rng = np.random.default_rng(seed)
-    parts = np.exp(rng.uniform(np.log([0.3, 0.1, 0.03]), np.log([1.0, 1.5, 1.5]), size=(SHAPES, 3)))
-    orders = rng.uniform([0.7, 0.3], [1.4, 1.7], size=(SHAPES, 2))
-    orders[: SHAPES // 4] = [1.0, 0.95]
-    parts *= problem.scale[:3] * math.copysign(1.0, problem.gain)
-    low, high = problem.box.T
-    return np.asarray(np.clip(np.concatenate([parts, orders], axis=1), low, high))
-
-
-def _on_the_bounds(problem: TimeProblem, shapes: Real) -> Real:
-    """Each shape with the largest gain at which no bound is broken, or with the least broken.
-
-    Largest means up from small gains, which a stable process tolerates, and, where that is another one, of all: the
-    bounds know nothing of stability, and a loop of far too much gain may keep them as well.
-    """
-    factors = np.geomspace(1e-2, 1e2, 25)
-    tried = np.repeat(shapes[:, None], len(factors), axis=1)
-    tried[:, :, :3] *= factors[:, None]
-    tried = np.clip(tried, *problem.box.T)
-    rough = problem.changed(points=ROUGH_POINTS, density=ROUGH)
-    worst = rough.slack(tried.reshape(-1, 5)).min(axis=1).reshape(len(shapes), -1)
-    fits = worst >= 0.0
-    largest = fits.shape[1] - 1 - fits[:, ::-1].argmax(axis=1)
-    largest = np.where(fits.any(axis=1), largest, worst.argmax(axis=1))
-    upwards = np.where(fits.all(axis=1), largest, (~fits).argmax(axis=1) - 1)
-    every = np.arange(len(shapes))
-    other = np.flatnonzero((upwards >= 0) & (upwards != largest))
-    return np.concatenate([tried[every, largest], tried[other, upwards[other]]])
+def _different(descents: list[Descent]) -> list[Descent]:
+    """The first few of them that do not cost the same."""
+    kept: list[Descent] = []
+    for descent in descents:
+        if all(abs(descent.cost - other.cost) > SAME * other.cost for other in kept):
+            kept.append(descent)
+    return kept[:CARRIED]
