@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetState
 from std_srvs.srv import Trigger
@@ -139,27 +140,31 @@ BROKEN = """
 import sys
 from fopid_ros.controller.node import ControllerNode
 from fopid_ros.common.managed_node import run
-from fopid_ros.controller.inputs import LoopInputs
 
-def broken(self, message):
-    raise ZeroDivisionError("a mistake in the program")
+class Broken(ControllerNode):
+    def _step(self, now_ns):
+        raise ZeroDivisionError("a mistake in the program")
 
-LoopInputs.take_measurement = broken
-sys.exit(run(ControllerNode))
+sys.exit(run(Broken))
 """
 
 
-def test_a_mistake_in_the_program_ends_it_with_the_safe_control_and_its_traceback(graph: Graph) -> None:
+def test_a_mistake_in_the_program_gives_the_safe_control_and_is_told(graph: Graph, tmp_path: Path) -> None:
     controls = graph.listen(ScalarStamped, "control")
+    told = graph.listen(DiagnosticArray, "/diagnostics")
+    arguments = ["--ros-args", "-p", "safe_control:=0.25", "-p", "setpoint.initial:=1.0"]
+    with (tmp_path / "log").open("w") as log:
+        process = subprocess.Popen([sys.executable, "-c", BROKEN, *arguments], env=graph.environment, stderr=log)
     measurement = graph.node.create_publisher(ScalarStamped, "measurement", 1)
-    command = [sys.executable, "-c", BROKEN, "--ros-args", "-p", "safe_control:=0.25"]
-    process = subprocess.Popen(command, env=graph.environment, stderr=subprocess.PIPE, text=True)
     graph.until(lambda: controls and measurement.get_subscription_count(), "the controller")
-    measurement.publish(ScalarStamped(value=0.5))
-    told = process.communicate(timeout=100)[1]
-    assert process.returncode == 1
-    assert "a mistake in the program" in told
+    graph.node.create_timer(0.01, lambda: measurement.publish(ScalarStamped(value=0.5)))
     graph.until(lambda: controls[-1].value == 0.25, "the safe control")
+    graph.until(lambda: told and "internal errors" in told[-1].status[0].message, "a report")
+    process.terminate()
+    assert process.wait(10) == 0
+    log_text = (tmp_path / "log").read_text()
+    assert "ZeroDivisionError: a mistake in the program" in log_text
+    assert log_text.count("Traceback") == 1  # not one for each tick
 
 
 @pytest.mark.parametrize(

@@ -166,7 +166,7 @@ class PublisherConflicts:
         self._known: dict[str, list[str]] = {}
         self._since: dict[str, float] = {}
 
-    def found(self) -> list[Rivalry]:
+    def check(self) -> list[Rivalry]:
         """The topics that are published by several just now."""
         now, conflicts = time.monotonic(), conflicting_publishers(self._node, self._topics)
         self._since = {topic: self._since.get(topic, now) for topic in conflicts}

@@ -40,7 +40,7 @@ class Endpoints:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._closing: list[Callable[[], Any]] = []
+        self._opened: list[tuple[Any, Callable[[Any], Any]]] = []
 
     def publisher(self, kind: Any, topic: str, qos: QoSProfile) -> Publisher:
         """Open a publisher.
@@ -53,7 +53,7 @@ class Endpoints:
         opened: Publisher = self._overridable(
             "publisher", topic, lambda options: self._node.create_publisher(kind, topic, qos, **options)
         )
-        self._closing.append(lambda: self._node.destroy_publisher(opened))
+        self._opened.append((opened, self._node.destroy_publisher))
         return opened
 
     def subscription(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> Subscription:
@@ -61,26 +61,35 @@ class Endpoints:
         opened: Subscription = self._overridable(
             "subscription", topic, lambda options: self._node.create_subscription(kind, topic, callback, qos, **options)
         )
-        self._closing.append(lambda: self._node.destroy_subscription(opened))
+        self._opened.append((opened, self._node.destroy_subscription))
         return opened
 
     def service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Open a service."""
         opened = self._node.create_service(kind, name, callback)
-        self._closing.append(lambda: self._node.destroy_service(opened))
+        self._opened.append((opened, self._node.destroy_service))
 
     def timer(
         self, period: float, callback: Callable[[], None], clock: Clock, group: CallbackGroup | None = None
     ) -> Timer:
         """Start a timer [s], in the node's own callback group unless told otherwise."""
         opened = self._node.create_timer(period, callback, group, clock)
-        self._closing.append(lambda: self._node.destroy_timer(opened))
+        self._opened.append((opened, self._node.destroy_timer))
         return opened
 
     def close(self) -> None:
         """Close all, the last opened first."""
-        while self._closing:
-            self._closing.pop()()
+        while self._opened:
+            opened, destroy = self._opened.pop()
+            destroy(opened)
+
+    def destroy(self, opened: Any) -> None:
+        """Close one of them before the others."""
+        for k, (each, destroy) in enumerate(self._opened):
+            if each is opened:
+                del self._opened[k]
+                destroy(opened)
+                return
 
     def refuse_unknown_overrides(self) -> None:
         """Raise InputError for a QoS override of a topic or policy that the node does not have."""

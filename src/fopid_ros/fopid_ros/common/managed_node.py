@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
-import threading
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.exceptions import InvalidNamespaceException, InvalidNodeNameException
-from rclpy.executors import Executor
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from rclpy.task import Future
 
 from fopid_core.errors import InputError
+from fopid_ros.common.background import Background, Later
+from fopid_ros.common.diagnostics import diagnostic_array, diagnostic_status
 from fopid_ros.common.endpoints import Endpoints
+from fopid_ros.common.guard import INTERNAL_ERROR, GuardedNode
 from fopid_ros.common.parameters import (
     Spec,
     check_changes,
@@ -38,10 +37,14 @@ from fopid_ros.common.parameters import (
     widen_sliders,
     without_idle,
 )
+from fopid_ros.common.spinning import StopSignal, check_domain, log_warnings, spin_until
 
-FOREVER = 1e8  # [s]
-LAST_DOMAIN = 232  # its UDP ports are the last below 65536
-CLOCK_WATCH_PERIOD = 0.1  # how often the system clock is looked at, and by how much it may be set back unseen [s]
+DIAGNOSTICS_PERIOD = 1.0
+"""[s, on a steady clock]"""
+LEAVING_ACTIVE = {
+    Transition.TRANSITION_DEACTIVATE: "deactivate", Transition.TRANSITION_ACTIVE_SHUTDOWN: "shutdown",
+}  # fmt: skip
+"""Transitions out of the active state, by number and by label."""
 LOCKSTEP_DEPTH = 1000
 """Depth of the loop's publishers in lockstep: a recorder that falls behind loses nothing."""
 
@@ -73,11 +76,12 @@ def take_pending_messages(subscription: Subscription) -> None:
         subscription.callback(taken[0])
 
 
-class ManagedNode(LifecycleNode):
-    """A lifecycle node whose parameters are a table and are checked as a whole.
+class ManagedNode(GuardedNode, LifecycleNode):
+    """A lifecycle node whose parameters are a table and are checked as a whole, and that no callback ends.
 
     Subclasses name themselves and their parameters, and override ``check`` (would this set of values do?),
-    ``apply`` (it is in force now) and ``open`` (make what lives from configure to cleanup).
+    ``apply`` (it is in force now), ``open`` (make what lives from configure to cleanup) and ``health``. One that works
+    in other threads overrides ``cancel_work`` and ``finish``.
 
     Attributes
     ----------
@@ -95,10 +99,11 @@ class ManagedNode(LifecycleNode):
         super().__init__(self.NAME, context=context)
         self._specs = {spec.name: spec for spec in (*self.SPECS, AUTOSTART)}
         self.endpoints = Endpoints(self)
+        self.background = Background(self)
         self.configured = False
         self.last_rejected = ""
         self._not_configured = ""
-        self._tolerate_invalid_transitions()
+        self._guard_lifecycle()
         self._set_requests_whole()
         try:
             declare(self, self._specs)
@@ -125,6 +130,7 @@ class ManagedNode(LifecycleNode):
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """All or none, and a refusal names the parameter, its value and what is allowed."""
         changes = without_idle(self, converted(self._specs, parameter_list))
+        before: list[Parameter] = []
         if not changes:
             return SetParametersResult(successful=True)
         try:
@@ -132,9 +138,14 @@ class ManagedNode(LifecycleNode):
             if self.configured:
                 self.check(self.values(changes))
             widen_sliders(self, self._specs, changes)
+            before = [self.get_parameter(change.name) for change in changes]
             result = super().set_parameters_atomically(changes)
         except InputError as error:
             result = SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:  # noqa: BLE001  (no parameter ends the node)
+            self.guard.note("parameters", error)
+            self.guard.wrap("putting parameters back", super().set_parameters_atomically)(before)
+            result = SetParametersResult(successful=False, reason=INTERNAL_ERROR)
         if not result.successful:
             self.last_rejected = result.reason
             self.get_logger().warning(f"parameters rejected, nothing changed: {result.reason}")
@@ -152,7 +163,7 @@ class ManagedNode(LifecycleNode):
             response.results = [self.set_parameters_atomically(changes)] * len(changes)
             return response
 
-        service.callback = answer
+        service.callback = self.guard.wrap("set_parameters", answer, SetParameters.Response)
 
     def _after_set(self, changes: list[Parameter]) -> None:
         if any(change.name in self._specs for change in changes):
@@ -188,22 +199,59 @@ class ManagedNode(LifecycleNode):
         self.configured = False
         self.endpoints.close()
 
-    def _tolerate_invalid_transitions(self) -> None:
-        """A transition that the present state does not allow is answered with success = false."""
-        answer = self._service_change_state.callback
+    def _guard_lifecycle(self) -> None:
+        """What a transition raises is noted; one that the present state does not allow is answered: no success."""
+        error = TransitionCallbackReturn.ERROR
+        for state, callback in self._callbacks.items():
+            self._callbacks[state] = self.guard.wrap(callback.__name__, callback, lambda: error)
+        change = self._service_change_state
+        self._answer_change = change.callback
+        failed = lambda: ChangeState.Response(success=False)  # noqa: E731
+        change.callback = self.guard.wrap("change_state", self._on_change_state, failed)
+        self.background.may_answer_later(change)
 
-        def guarded(request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
-            self._not_configured = ""
-            try:
-                response = answer(request, response)
-            except RCLError as error:
-                self.get_logger().warning(f"transition refused: {' '.join(str(error).split())}")
-                response.success = False
-            if self._not_configured:
-                self.get_logger().error(f"not configured: {self._not_configured}")
-            return response
+    def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response) -> Any:
+        """Work that is under way ends first when the active state is left, and puts back what it changed."""
+        asked = request.transition.label or LEAVING_ACTIVE.get(request.transition.id)
+        if asked not in LEAVING_ACTIVE.values() or not self.cancel_work(f"the node is told to {asked}"):
+            return self._change_state(request, response)
+        later = Later(self.background)
 
-        self._service_change_state.callback = guarded
+        def leave() -> None:
+            self.finish()
+            self.background.on_executor(lambda: later.give(self._change_state(request, response)))
+
+        self.background.start("transition", leave)
+        return later
+
+    def _change_state(self, request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+        self._not_configured = ""
+        try:
+            response = self._answer_change(request, response)
+        except RCLError as error:
+            self.get_logger().warning(f"transition refused: {' '.join(str(error).split())}")
+            response.success = False
+        if self._not_configured:
+            self.get_logger().error(f"not configured: {self._not_configured}")
+        return response
+
+    def open_diagnostics(self) -> None:
+        """Publish ``health`` once a second from now to cleanup."""
+        publisher = self.endpoints.publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
+
+        def publish() -> None:
+            state, problems, facts = self.health()
+            status = diagnostic_status(
+                self.get_fully_qualified_name(), state, [*self.guard.health_problems(), *problems],
+                {**facts, **self.guard.facts()},
+            )  # fmt: skip
+            publisher.publish(diagnostic_array(status, self))
+
+        self.endpoints.timer(DIAGNOSTICS_PERIOD, publish, Clock(clock_type=ClockType.STEADY_TIME))
+
+    def health(self) -> tuple[str, list[tuple[bytes, str]], dict[str, object]]:
+        """For the diagnostics: a word on the state, the problems with their levels, and facts."""
+        return "running", [], {}
 
     def start(self) -> None:
         """Configure and activate, when ``autostart`` is set.
@@ -225,8 +273,12 @@ class ManagedNode(LifecycleNode):
         for timer in self.timers:
             timer.reset()
 
+    def cancel_work(self, why: str) -> bool:
+        """Tell work in other threads to end; whether there is any."""
+        return False
+
     def finish(self) -> None:
-        """Bring work in other threads to an end, while the node is still spun."""
+        """Wait for work in other threads to end, ``FINISH_TIME`` at most, while the node is still spun."""
 
     def stop(self) -> None:
         """Leave the active state in good order."""
@@ -249,20 +301,7 @@ def usage(node_class: type[ManagedNode]) -> str:
     return "\n".join(lines)
 
 
-class StopSignal:
-    """Ctrl-C and termination as an event that threads can wait for."""
-
-    def __init__(self) -> None:
-        self.event = threading.Event()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: self.event.set())
-
-
-def run(
-    node_class: type[ManagedNode],
-    args: Sequence[str] | None = None,
-    make_executor: Callable[[], Executor] = EventsExecutor,
-) -> int:
+def run(node_class: type[ManagedNode], args: Sequence[str] | None = None) -> int:
     """Run a node until it is told to stop; the exit code of its process.
 
     Bad input ends with one line on stderr and exit code 2.
@@ -279,6 +318,7 @@ def run(
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         rclpy.try_shutdown()
         return 2
+    log_warnings(node.get_logger().warning)
     try:
         node.start()
     except InputError as error:
@@ -287,57 +327,9 @@ def run(
         rclpy.try_shutdown()
         return 2
     try:
-        _spin_until(stop.event, node, make_executor())
+        spin_until(stop, node)
     finally:
         node.stop()
         node.destroy_node()
         rclpy.try_shutdown()
     return 0
-
-
-def check_domain() -> None:
-    """Raise InputError for a domain that the transport has no ports for: it would end the process outright."""
-    text = os.environ.get("ROS_DOMAIN_ID", "0").strip()
-    if text.isdecimal() and int(text) > LAST_DOMAIN:
-        raise InputError(f"ROS_DOMAIN_ID = {text}; allowed: 0 to {LAST_DOMAIN}")
-
-
-def _spin_until(stop: threading.Event, node: ManagedNode, executor: Executor) -> None:
-    """Spin in a thread of its own, so that signals are seen at once; raise what a callback raised."""
-    failure: list[BaseException] = []
-    executor.add_node(node)
-
-    stopped = Future()
-
-    def spin() -> None:
-        try:
-            # Not spin(): without a time limit, EventsExecutor of rclpy 7.1 loops without waiting.
-            executor.spin_until_future_complete(stopped, timeout_sec=FOREVER)
-        except BaseException as error:  # noqa: BLE001  (handed to the main thread below)
-            failure.append(error)
-        finally:
-            stop.set()
-
-    thread = threading.Thread(target=spin, name="executor", daemon=True)
-    thread.start()
-    _wait(stop, lambda: executor.create_task(node.restart_timers))
-    node.finish()
-    stopped.set_result(None)
-    executor.wake()
-    thread.join(timeout=5.0)
-    executor.shutdown()
-    if failure:
-        raise failure[0]
-
-
-def _wait(stop: threading.Event, on_time_jump_back: Callable[[], object]) -> None:
-    """Wait for ``stop``, with an eye on the system clock.
-
-    The timers of rclpy's wheels sleep until an instant of the system clock, even those of a steady clock: when it
-    is set back they would oversleep by as much. Of a change that is made over a longer time they see little.
-    """
-    offset = time.time() - time.monotonic()
-    while not stop.wait(CLOCK_WATCH_PERIOD):
-        before, offset = offset, time.time() - time.monotonic()
-        if offset < before - CLOCK_WATCH_PERIOD:
-            on_time_jump_back()

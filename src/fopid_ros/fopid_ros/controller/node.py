@@ -119,7 +119,8 @@ class ControllerNode(ManagedNode):
         self._inputs.listen(tracking=self._values["tracking.enabled"])
         endpoints.subscription(
             types["measurement"].message_type, "measurement",
-            self._lockstep_tick if lockstep else self._inputs.take_measurement,
+            self.guard.wrap("tick", self._lockstep_tick, self._fail_safe) if lockstep
+            else self._inputs.take_measurement,
             loop_qos(lockstep=lockstep, reliable=False),
         )  # fmt: skip
         self._write = types["control"].writer()
@@ -167,7 +168,8 @@ class ControllerNode(ManagedNode):
         self._inputs.begin()
         self._interval = 0.0
         if not self._lockstep:
-            self._timer = self.create_timer(self._period_ns * 1e-9, self._tick_on_timer, clock=self._tick_clock)
+            tick = self.guard.wrap("tick", self._tick_on_timer, self._fail_safe)
+            self._timer = self.create_timer(self._period_ns * 1e-9, tick, clock=self._tick_clock)
         self._active = True
         gains = self._controller.settings.gains
         self.get_logger().info(f"controlling with {gains} every {self._period_ns * 1e-9:g} s")
@@ -209,6 +211,13 @@ class ControllerNode(ManagedNode):
         self._begin_tick(stamp)
         self._inputs.take(self._inputs.measurement, kind.read(message), stamp)
         self._tick(stamp, stamp)
+
+    def _fail_safe(self) -> None:
+        """A tick failed that should not: the safe control, and a controller as new for the next one."""
+        self._control = self._values["safe_control"]
+        stamp = self._last_tick if self._lockstep else None
+        self.publish_control(self._control, stamp or self.get_clock().now().nanoseconds)
+        self._controller.reset()
 
     def _tick_on_timer(self) -> None:
         now = self._now()
@@ -329,11 +338,11 @@ class ControllerNode(ManagedNode):
 
     def _publish_diagnostics(self) -> None:
         since, rates = self._statistics.window(time.monotonic_ns())
-        found = self._lacks() + health_problems(since, ticking=self._active and not self._lockstep) + self._disputes()
+        found = self.guard.health_problems() + self._lacks()
+        found += health_problems(since, ticking=self._active and not self._lockstep) + self._disputes()
         state = self._controller.state.mode if self._active else "inactive"
-        status = diagnostic_status(
-            self.get_fully_qualified_name(), state, found, {**rates, **self._diagnostic_values()}
-        )
+        facts = {**rates, **self._diagnostic_values(), **self.guard.facts()}
+        status = diagnostic_status(self.get_fully_qualified_name(), state, found, facts)
         self._diagnostics.publish(diagnostic_array(status, self))
 
     def _lacks(self) -> list[tuple[bytes, str]]:

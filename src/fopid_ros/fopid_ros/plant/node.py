@@ -99,6 +99,12 @@ class PlantSimulator(ManagedNode):
         for name in ("control", "disturbance", "measurement"):
             SignalType(values[f"{name}.type"], values[f"{name}.field"])
 
+    def open(self, values: dict[str, Any]) -> None:
+        self.open_diagnostics()
+
+    def health(self) -> tuple[str, list[tuple[bytes, str]], dict[str, object]]:
+        return "simulating" if self.timer is not None else "inactive", [], {"refused values": self._refused}
+
     def apply(self, values: dict[str, Any]) -> None:
         self._plant.gain_factor = values["gain_factor"]
         if values["advance_until"] != self._until:

@@ -2,29 +2,44 @@
 
 from __future__ import annotations
 
-import threading
+import time
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.task import Future
 
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
+from fopid_ros.common.background import Background
 
 GAINS = ("kp", "ki", "kd", "lam", "mu")
 ANSWER_TIME = 3.0
 """How long the controller may take to answer [s]."""
+LOOK_AGAIN = 0.05  # [s]
+
+
+class UnconfirmedError(InputError):
+    """The controller was asked to take gains and did not answer: it may have them or not.
+
+    Attributes
+    ----------
+    previous : Fopid
+        The gains before.
+    """
+
+    def __init__(self, message: str, previous: Fopid) -> None:
+        super().__init__(message)
+        self.previous = previous
 
 
 class ControllerClient:
-    """Asks and changes the controller; to be called from a thread while others spin the node."""
+    """Asks and changes the controller; to be called from a thread of its own, while the executor spins the node."""
 
-    def __init__(self, node: Node, name: str, callback_group: CallbackGroup) -> None:
+    def __init__(self, node: Node, name: str, background: Background) -> None:
         self.name = name
-        self._client = AsyncParameterClient(node, name, callback_group=callback_group)
+        self._background = background
+        self._client = AsyncParameterClient(node, name)
 
     def get(self, *names: str) -> list[Any]:
         """Values of parameters.
@@ -34,15 +49,21 @@ class ControllerClient:
         InputError
             If the controller does not answer, or is none of ours.
         """
-        if not self._client.wait_for_services(timeout_sec=ANSWER_TIME):
-            raise InputError(f"no controller {self.name!r} answers")
-        answer = _wait(self._client.get_parameters(list(names)))
+        self._find()
+        answer = self._background.result(lambda: self._client.get_parameters(list(names)), ANSWER_TIME)
         if answer is None:
             raise InputError(f"{self.name!r} did not tell its present gains")
         values = [parameter_value_to_python(value) for value in answer.values]
-        if any(value is None for value in values):
+        if len(values) != len(names) or any(value is None for value in values):
             raise InputError(f"{self.name!r} is not a FOPID controller")
         return values
+
+    def _find(self) -> None:
+        deadline = time.monotonic() + ANSWER_TIME
+        while not self._background.value(self._client.services_are_ready, ANSWER_TIME):
+            if time.monotonic() > deadline:
+                raise InputError(f"no controller {self.name!r} answers")
+            time.sleep(LOOK_AGAIN)
 
     def gains(self) -> Fopid:
         """The gains in force."""
@@ -53,21 +74,16 @@ class ControllerClient:
 
         Raises
         ------
+        UnconfirmedError
+            If the controller does not answer when it is asked to take them.
         InputError
-            If the controller does not answer or refuses them.
+            If it does not answer before, or refuses them.
         """
         previous = self.gains()
         parameters = [Parameter(name, value=value) for name, value in zip(GAINS, gains.gains, strict=True)]
-        answer = _wait(self._client.set_parameters_atomically(parameters))
+        answer = self._background.result(lambda: self._client.set_parameters_atomically(parameters), ANSWER_TIME)
         if answer is None:
-            raise InputError(f"{self.name!r} did not confirm")
+            raise UnconfirmedError(f"{self.name!r} did not confirm", previous)
         if not answer.result.successful:
             raise InputError(f"{self.name!r} refused: {answer.result.reason}")
         return previous
-
-
-def _wait(future: Future) -> Any:
-    """A future's result, None if it does not come in time; the executor's other threads bring it."""
-    done = threading.Event()
-    future.add_done_callback(lambda _: done.set())
-    return future.result() if done.wait(ANSWER_TIME) else None

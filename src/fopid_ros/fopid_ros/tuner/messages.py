@@ -3,23 +3,45 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from fopid_core.design.identification.identify import IdentifiedModel
-from fopid_core.design.identification.structure import structure_of
-from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.tuner import Bound, TuningRequest, TuningResult
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
-from fopid_core.model.process import read_process
+from fopid_core.model.process import TEST_BENCH, Process
 from fopid_msgs.action import Autotune
 from fopid_msgs.msg import Gains, LoopMeasures
 from fopid_msgs.msg import IdentifiedModel as IdentifiedModelMessage
 from fopid_msgs.srv import Tune
 from fopid_ros.tuner.controller_client import GAINS
-from fopid_ros.tuner.learning.autotune import AutotuneRequest
-from fopid_ros.tuner.learning.closed_loop_experiment import EXCITATIONS, ExperimentSettings
-from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome
+
+if TYPE_CHECKING:  # loaded by the first request that learns, since they need scipy
+    from fopid_core.design.identification.identify import IdentifiedModel
+    from fopid_ros.tuner.learning.autotune import AutotuneRequest
+    from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome
+
+ALLOWED_PROCESS = "P1 ... P4 or a transfer function in s"
+
+
+def process_of(text: str) -> Process:
+    """The process that a message or a parameter names: a text, never a file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> str(process_of("1/(2s+1)"))
+    '1/(2 s + 1)'
+    """
+    name = text.strip()
+    if not name:
+        raise InputError(f"process = ''; allowed: {ALLOWED_PROCESS}, here or as the tuner's parameter")
+    if name.endswith((".yaml", ".yml")):
+        raise InputError(f"process = {name!r}; allowed: {ALLOWED_PROCESS}; files are not read for others")
+    return Process.parse(TEST_BENCH.get(name, text))
 
 
 def _given(request: Tune.Request, defaults: dict[str, Any], name: str) -> Any:
@@ -35,6 +57,10 @@ def autotune_request(goal: Autotune.Goal, defaults: dict[str, Any]) -> AutotuneR
     InputError
         Naming the field that cannot be used.
     """
+    from fopid_core.design.identification.structure import structure_of
+    from fopid_ros.tuner.learning.autotune import AutotuneRequest
+    from fopid_ros.tuner.learning.closed_loop_experiment import EXCITATIONS, ExperimentSettings
+
     for name in ("amplitude", "deviation_max", "duration"):
         if not 0.0 <= getattr(goal, name) < math.inf:
             raise InputError(f"{name} = {getattr(goal, name)}; allowed: 0 to choose it from the loop, or above 0")
@@ -54,6 +80,9 @@ def autotune_request(goal: Autotune.Goal, defaults: dict[str, Any]) -> AutotuneR
 
 def criteria(tuning: TuningRequest, defaults: dict[str, Any]) -> AcceptanceCriteria:
     """What gains for a learnt process must fulfil, by the node's parameters."""
+    from fopid_core.design.robust_verification import RobustLimits
+    from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria
+
     limits = RobustLimits(defaults["verify.worst_ms_max"], defaults["verify.worst_phase_margin"])
     return AcceptanceCriteria(tuning, limits, defaults["verify.ticks"])
 
@@ -66,9 +95,7 @@ def tuning_request(request: Tune.Request, defaults: dict[str, Any]) -> TuningReq
     InputError
         Naming the field that cannot be used.
     """
-    process = request.process or defaults["process"]
-    if not process:
-        raise InputError("process = ''; allowed: P1 ... P4 or a transfer function, here or as the tuner's parameter")
+    process = process_of(request.process or defaults["process"])
     bounds = {}
     for name in ("t_max", "s_max"):
         frequency = _given(request, defaults, f"{name}_frequency")
@@ -79,7 +106,7 @@ def tuning_request(request: Tune.Request, defaults: dict[str, Any]) -> TuningReq
     numbers = {name: _given(request, defaults, name)
                for name in ("phase_margin", "crossover", "horizon", "ms_max", "u_max", "rule", "timeout")}  # fmt: skip
     words = {name: _given(request, defaults, name) for name in ("method", "via", "index")}
-    return TuningRequest(read_process(process), sample_time=defaults["sample_time"], **bounds, **numbers, **words)
+    return TuningRequest(process, sample_time=defaults["sample_time"], **bounds, **numbers, **words)
 
 
 def fill_gains(message: Gains, controller: Fopid) -> None:

@@ -4,39 +4,31 @@ from __future__ import annotations
 
 import math
 import sys
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import Executor, MultiThreadedExecutor
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
 
-from fopid_core.design.acceptance import rejection_reason
-from fopid_core.design.identification.identify import IdentifiedModel, identify
-from fopid_core.design.reduction import preferred, reduce, reduce_all
 from fopid_core.design.tuner import TuningRequest, tune
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
-from fopid_core.model.process import Process, read_process
 from fopid_msgs.action import Autotune
 from fopid_msgs.msg import ReducedModel
 from fopid_msgs.msg import TuningResult as TuningResultMessage
 from fopid_msgs.srv import Identify, Reduce, Tune
-from fopid_ros.common.diagnostics import diagnostic_array, diagnostic_status
+from fopid_ros.common.background import BackgroundActionServer, Later
+from fopid_ros.common.guard import internal_error
 from fopid_ros.common.managed_node import ManagedNode, latched_qos, run
 from fopid_ros.common.signals import header_stamp
-from fopid_ros.tuner.controller_client import ControllerClient
-from fopid_ros.tuner.learning.adaptation import Adaptation
-from fopid_ros.tuner.learning.autotune import Autotuner
-from fopid_ros.tuner.learning.gain_update import Outcome
+from fopid_ros.common.spinning import FINISH_TIME
+from fopid_ros.tuner.controller_client import ANSWER_TIME, ControllerClient
+from fopid_ros.tuner.jobs import Job, Jobs
 from fopid_ros.tuner.learning.loop_tap import LoopTap
 from fopid_ros.tuner.learning.loop_wait import CancelledError, LoopWait, Stage
 from fopid_ros.tuner.messages import (
@@ -46,14 +38,19 @@ from fopid_ros.tuner.messages import (
     fill_gains,
     fill_measures,
     identified_message,
+    process_of,
     tuning_request,
 )
 from fopid_ros.tuner.parameters import SPECS
 
+if TYPE_CHECKING:  # what learns needs scipy: it is loaded by the first request, see ``_adaptation`` and below
+    from fopid_core.design.identification.identify import IdentifiedModel
+    from fopid_ros.tuner.learning.adaptation import Adaptation
+    from fopid_ros.tuner.learning.gain_update import Outcome
+
 PERIOD = 1.0
-"""Of the diagnostics, and between two questions whether a look at the loop is due [s, on a steady clock]."""
-FINISH_TIME = 5.0
-"""How long a request may take to end when the node is told to stop [s]."""
+"""Between two questions whether a look at the loop is due [s, on a steady clock]."""
+BUSY = "busy with another request; ask again when it is answered"
 
 
 @dataclass(frozen=True)
@@ -68,7 +65,7 @@ class Applied:
 class TunerNode(ManagedNode):
     """Serves ~/tune, ~/reduce, ~/identify and ~/autotune, adapts when it may, publishes ~/result.
 
-    Each works in a thread of its own, so the node answers others meanwhile.
+    Each works in a thread of its own, so the node answers others meanwhile; only while the node is active.
     """
 
     NAME = "fopid_tuner"
@@ -76,60 +73,128 @@ class TunerNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._concurrent = concurrent = ReentrantCallbackGroup()
-        self._busy = threading.Lock()
-        self._stopping = threading.Event()
+        self._active = False
+        self._jobs, self._reductions = Jobs(), Jobs()
         self._results = self.create_publisher(TuningResultMessage, "~/result", latched_qos(depth=100))
-        self._controller = ControllerClient(self, self.get_parameter("controller").value, concurrent)
-        self.create_service(Tune, "~/tune", self._on_tune, callback_group=concurrent)
-        self.create_service(Reduce, "~/reduce", self._on_reduce, callback_group=concurrent)
-        self.create_service(Identify, "~/identify", self._on_identify, callback_group=concurrent)
-        self._action = ActionServer(
-            self, Autotune, "~/autotune", self._on_autotune, callback_group=concurrent,
+        self._controller = ControllerClient(self, self.get_parameter("controller").value, self.background)
+        for kind, name, jobs, work in (
+            (Tune, "tune", self._jobs, self._tune), (Identify, "identify", self._jobs, self._identify),
+            (Reduce, "reduce", self._reductions, self._reduce),
+        ):  # fmt: skip
+            self.background.may_answer_later(self.create_service(kind, f"~/{name}", self._answering(name, jobs, work)))
+        self._action = BackgroundActionServer(
+            self, Autotune, "~/autotune", self._on_autotune, self.background,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )  # fmt: skip
+        self._tap: LoopTap | None = None
+        self._adaptation: Adaptation | None = None
         self._stage = "idle"
         self._last = ""
 
-    def open(self, values: dict[str, Any]) -> None:
-        self._tap = LoopTap(self, values)
-        self._adaptation = Adaptation(self._tap, self._controller)
-        self._diagnostics = self.endpoints.publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.endpoints.timer(PERIOD, self._publish_diagnostics, steady)
-        self.endpoints.timer(PERIOD, self._adapt, steady, self._concurrent)
+    # Life.
 
     def check(self, values: dict[str, Any]) -> None:
         if values["process"]:
-            read_process(values["process"])
+            process_of(values["process"])
         tuning_request(Tune.Request(process="P1"), values)
         if values["adapt"] != "off" and not values["history"]:
             raise InputError("history = 0; allowed: above 0 s, since adapt needs the loop's signals")
 
-    def _on_tune(self, request: Tune.Request, response: Tune.Response) -> Tune.Response:
-        return self._alone(lambda: self._tune(request, response), response)
+    def open(self, values: dict[str, Any]) -> None:
+        self._tap = LoopTap(self, values)
+        self._adaptation = None
+        self.open_diagnostics()
+        self.endpoints.timer(PERIOD, self._adapt, Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _on_identify(self, request: Identify.Request, response: Identify.Response) -> Identify.Response:
-        return self._alone(lambda: self._identify(request, response), response)
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._active = True
+        return super().on_activate(state)
 
-    def _alone(self, work: Callable[[], None], response: Any) -> Any:
-        """Do what only one request at a time may do; say what is wrong with it in the response's message."""
-        if not self._busy.acquire(blocking=False):
-            response.message = "busy with another request; ask again when it is answered"
-            return response
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._leave_active()
+        return super().on_deactivate(state)
+
+    def _release(self) -> None:
+        self._leave_active()
+        super()._release()
+
+    def _leave_active(self) -> None:
+        """Work has ended by now; if it did not in time, the loop is at least left alone."""
+        self._active = False
+        self.cancel_work("the node is not active any more")
+        if self._tap is not None:
+            self._tap.end_injection_now()
+
+    def cancel_work(self, why: str) -> bool:
+        return any([self._jobs.cancel(why), self._reductions.cancel(why)])
+
+    def finish(self) -> None:
+        for jobs in (self._jobs, self._reductions):
+            jobs.wait(FINISH_TIME)
+
+    def health(self) -> tuple[str, list[tuple[bytes, str]], dict[str, object]]:
+        job = self._jobs.current
+        state = self._stage if self._stage != "idle" or job is None else job.name
+        seen = self._adaptation.message if self._adaptation else ""
+        return state, [], {
+            "process": self.get_parameter("process").value or "not known",
+            "controller": self._controller.name,
+            "last result": self._last or "none",
+            "adaptation": seen or self.get_parameter("adapt").value,
+            "last rejected parameter set": self.last_rejected or "none",
+        }  # fmt: skip
+
+    # Requests: answered from a thread of their own, whatever happens in it.
+
+    def _answering(self, name: str, jobs: Jobs, work: Callable[[Any, Any, Job], None]) -> Callable[[Any, Any], Any]:
+        """The callback of a service that does some work."""
+
+        def asked(request: Any, response: Any) -> Any:
+            later = Later(self.background)
+            job = Job(name, lambda: later.give(type(response)(message=f"{name} was cancelled: {job.why}")))
+            refused = self._refuse(job, jobs)
+            if refused:
+                response.message = refused
+                return response
+
+            def thread() -> None:
+                self._work(job, jobs, lambda: work(request, response, job), response)
+                later.give(response)
+
+            self.background.start(name, thread)
+            return later
+
+        return asked
+
+    def _refuse(self, job: Job, jobs: Jobs) -> str:
+        """Why there is no room for a job; empty when it has it."""
+        if not self._active:
+            return "the node is not active; allowed: requests to an active node"
+        return "" if jobs.begin(job) else BUSY
+
+    def _work(self, job: Job, jobs: Jobs, work: Callable[[], None], response: Any) -> None:
+        """Do a job that has room; what is wrong with it is said in the response's message."""
         try:
             work()
         except InputError as error:
             response.message = str(error)
-            self.get_logger().warning(f"refused, nothing changed: {error}")
+            self.get_logger().warning(f"refused: {error}")
+        except CancelledError:
+            response.message = f"{job.name} was cancelled: {job.why or 'as asked'}; gains and control are as they were"
+        except Exception as error:  # noqa: BLE001  (no request ends the node)
+            self.guard.note(job.name, error)
+            internal_error(response)
         finally:
-            self._busy.release()
-        return response
+            self._stage = "idle"
+            jobs.end()
 
-    def _tune(self, request: Tune.Request, response: Tune.Response) -> None:
+    def _tune(self, request: Tune.Request, response: Tune.Response, job: Job) -> None:
+        from fopid_core.design.acceptance import rejection_reason
+
         values = self.values()
         wanted = tuning_request(request, values)
-        result = tune(wanted)
+        result = tune(wanted, clock=job.clock)
+        job.go_on()
         applied = Applied(False, "")
         if request.apply:
             refused = rejection_reason(result, values["sample_time"], values["verify.ms_max"], values["verify.ticks"])
@@ -151,6 +216,131 @@ class TunerNode(ManagedNode):
         except InputError as error:
             return Applied(False, f"not applied: {error}")
 
+    def _reduce(self, request: Reduce.Request, response: Reduce.Response, job: Job) -> None:
+        from fopid_core.design.reduction import preferred, reduce, reduce_all
+
+        process = process_of(request.process or self.get_parameter("process").value)
+        if request.template_name in ("", "all"):
+            models = reduce_all(process, keep_gain=request.keep_steady_state_gain)
+        else:
+            models = (reduce(process, request.template_name, keep_gain=request.keep_steady_state_gain),)
+        choice = preferred(models)
+        response.models = [
+            ReducedModel(template_name=m.template, process=str(m.process), names=list(m.parameters),
+                         values=list(m.parameters.values()), h2_error=m.h2_error, elapsed=m.elapsed)
+            for m in models
+        ]  # fmt: skip
+        response.success, response.preferred, response.message = True, choice.model.template, choice.reason
+
+    def _identify(self, request: Identify.Request, response: Identify.Response, job: Job) -> None:
+        from fopid_core.design.identification.identify import identify
+
+        now = self.get_clock().now().nanoseconds * 1e-9
+        since = now - request.duration if request.duration else -math.inf
+        found = identify(self._tap.history.record(since), request.template_name or "all")
+        job.go_on()
+        if found.success and request.adopt:
+            self._adopt(found.best)
+        models = sorted(found.models, key=lambda model: (model is not found.best, -model.fit_pct))
+        response.models = [identified_message(model) for model in models]
+        response.success, response.message, response.elapsed = found.success, found.message, found.elapsed
+
+    def _on_autotune(self, goal: ServerGoalHandle, give: Callable[[Callable[[], Any]], None]) -> None:
+        result, began = Autotune.Result(), time.monotonic()
+
+        def end() -> Autotune.Result:
+            result.elapsed = time.monotonic() - began
+            if goal.is_cancel_requested:
+                goal.canceled()
+            elif result.success:
+                goal.succeed()
+            else:
+                goal.abort()
+            return result
+
+        def give_up() -> None:
+            result.message = f"autotune was cancelled: {job.why}"
+            give(end)
+
+        job = Job("autotune", give_up)
+        refused = self._refuse(job, self._jobs)
+        if refused:
+            result.message = refused
+        else:
+            self._work(job, self._jobs, lambda: self._autotune(goal, result, job), result)
+        give(end)
+
+    def _autotune(self, goal: ServerGoalHandle, result: Autotune.Result, job: Job) -> None:
+        from fopid_ros.tuner.learning.autotune import Autotuner
+
+        def ended() -> bool:
+            return bool(goal.is_cancel_requested or job.cancelled)
+
+        def report(stage: Stage) -> None:
+            if ended():
+                raise CancelledError
+            self._stage = stage.phase
+            self.background.on_executor(lambda: goal.publish_feedback(Autotune.Feedback(**asdict(stage))))
+
+        request = autotune_request(goal.request, self.values())
+        outcome = Autotuner(self._tap, self._controller, request, LoopWait(self._tap, report, ended)).run()
+        fill_autotune_result(result, outcome)
+        self._publish_learnt("autotune", result, outcome)
+        if outcome.success and outcome.model is not None:
+            self._adopt(outcome.model)
+
+    # Adaptation.
+
+    def _adapt(self) -> None:
+        """Look at the loop, when that is wanted and nothing else is under way."""
+        if self.get_parameter("adapt").value == "off" or math.isnan(self._tap.history.newest("control")):
+            return
+        job = Job("adapt")
+        if self._refuse(job, self._jobs):
+            return
+        said = Autotune.Result()
+
+        def thread() -> None:
+            self._work(job, self._jobs, lambda: self._update_adaptation(self.values(), job), said)
+            if said.message:
+                self._learner().message = said.message
+
+        self.background.start("adapt", thread)
+
+    def _learner(self) -> Adaptation:
+        if self._adaptation is None:
+            from fopid_ros.tuner.learning.adaptation import Adaptation
+
+            self._adaptation = Adaptation(self._tap, self._controller)
+        return self._adaptation
+
+    def _update_adaptation(self, values: dict[str, Any], job: Job) -> None:
+        def report(stage: Stage) -> None:
+            job.go_on()
+            self._stage = f"adapting: {stage.phase}"
+
+        wanted = criteria(tuning_request(Tune.Request(process="P1"), values), values)
+        wait, learner = LoopWait(self._tap, report, lambda: job.cancelled), self._learner()
+        outcome = learner.update(values["adapt_window"], values["adapt"] == "apply", wanted, wait)
+        if outcome is None:
+            return
+        result = Autotune.Result()
+        fill_autotune_result(result, outcome)
+        self._publish_learnt("adapt", result, outcome)
+        self.get_logger().info(f"adapt: {outcome.message}")
+        if learner.model is not None:
+            self._take_for(learner.model)
+
+    def _adopt(self, model: IdentifiedModel) -> None:
+        self._learner().set_model(model)
+        self._take_for(model)
+
+    def _take_for(self, model: IdentifiedModel) -> None:
+        taken = [Parameter("process", value=str(model.process))]
+        self.background.value(lambda: self.set_parameters_atomically(taken), ANSWER_TIME)
+
+    # What is published.
+
     def _publish_result(self, response: Tune.Response, wanted: TuningRequest, applied: Applied) -> None:
         message = TuningResultMessage(
             method=wanted.method, process=str(wanted.process), success=response.success, applied=response.applied,
@@ -160,63 +350,6 @@ class TunerNode(ManagedNode):
         if applied.previous is not None:
             fill_gains(message.previous_gains, applied.previous)
         self._publish(message)
-
-    def _publish(self, message: TuningResultMessage) -> None:
-        header_stamp(message.header, self.get_clock().now().nanoseconds)
-        self._last = message.message
-        self._results.publish(message)
-
-    def _publish_diagnostics(self) -> None:
-        facts = {
-            "process": self.get_parameter("process").value or "not known",
-            "controller": self._controller.name,
-            "last result": self._last or "none",
-            "adaptation": self._adaptation.message or self.get_parameter("adapt").value,
-            "last rejected parameter set": self.last_rejected or "none",
-        }
-        state = "tuning" if self._stage == "idle" and self._busy.locked() else self._stage
-        status = diagnostic_status(self.get_fully_qualified_name(), state, [], facts)
-        self._diagnostics.publish(diagnostic_array(status, self))
-
-    def finish(self) -> None:
-        """An autotuning under way is cancelled and puts back what it changed."""
-        self._stopping.set()
-        if self._busy.acquire(timeout=FINISH_TIME):
-            self._busy.release()
-
-    def _on_autotune(self, goal: ServerGoalHandle) -> Autotune.Result:
-        result = Autotune.Result()
-        began = time.monotonic()
-        self._alone(lambda: self._autotune(goal, result), result)
-        result.elapsed = time.monotonic() - began
-        if goal.is_cancel_requested:
-            goal.canceled()
-        elif result.success:
-            goal.succeed()
-        else:
-            goal.abort()
-        return result
-
-    def _autotune(self, goal: ServerGoalHandle, result: Autotune.Result) -> None:
-        def report(stage: Stage) -> None:
-            self._stage = stage.phase
-            goal.publish_feedback(Autotune.Feedback(**asdict(stage)))
-
-        def ended() -> bool:
-            return bool(goal.is_cancel_requested or self._stopping.is_set())
-
-        request = autotune_request(goal.request, self.values())
-        try:
-            outcome = Autotuner(self._tap, self._controller, request, LoopWait(self._tap, report, ended)).run()
-        except CancelledError:
-            result.message = "cancelled; gains and control are as they were"
-            return
-        finally:
-            self._stage = "idle"
-        fill_autotune_result(result, outcome)
-        self._publish_learnt("autotune", result, outcome)
-        if outcome.success and outcome.model is not None:
-            self._adopt(outcome.model)
 
     def _publish_learnt(self, method: str, result: Autotune.Result, outcome: Outcome) -> None:
         tuning = outcome.tuned.tuning if outcome.tuned else None
@@ -228,89 +361,15 @@ class TunerNode(ManagedNode):
         )  # fmt: skip
         self._publish(message)
 
-    def _adapt(self) -> None:
-        """Look at the loop, when that is wanted and nothing else is under way."""
-        values = self.values()
-        if values["adapt"] == "off" or math.isnan(self._tap.history.newest("control")):
-            return
-        if not self._busy.acquire(blocking=False):
-            return
-        try:
-            self._update_adaptation(values)
-        except InputError as error:
-            self._adaptation.message = str(error)
-        except CancelledError:
-            self.get_logger().info("stopped while new gains were watched: the previous ones are back")
-        finally:
-            self._stage = "idle"
-            self._busy.release()
-
-    def _update_adaptation(self, values: dict[str, Any]) -> None:
-        def report(stage: Stage) -> None:
-            self._stage = f"adapting: {stage.phase}"
-
-        wanted = criteria(tuning_request(Tune.Request(process="P1"), values), values)
-        wait = LoopWait(self._tap, report, self._stopping.is_set)
-        outcome = self._adaptation.update(values["adapt_window"], values["adapt"] == "apply", wanted, wait)
-        if outcome is None:
-            return
-        result = Autotune.Result()
-        fill_autotune_result(result, outcome)
-        self._publish_learnt("adapt", result, outcome)
-        self.get_logger().info(f"adapt: {outcome.message}")
-        if self._adaptation.model is not None:
-            self._take_for(self._adaptation.model)
-
-    def _identify(self, request: Identify.Request, response: Identify.Response) -> None:
-        now = self.get_clock().now().nanoseconds * 1e-9
-        since = now - request.duration if request.duration else -math.inf
-        found = identify(self._tap.history.record(since), request.template_name or "all")
-        if found.success and request.adopt:
-            self._adopt(found.best)
-        models = sorted(found.models, key=lambda model: (model is not found.best, -model.fit_pct))
-        response.models = [identified_message(model) for model in models]
-        response.success, response.message, response.elapsed = found.success, found.message, found.elapsed
-
-    def _adopt(self, model: IdentifiedModel) -> None:
-        self._adaptation.set_model(model)
-        self._take_for(model)
-
-    def _take_for(self, model: IdentifiedModel) -> None:
-        self.set_parameters_atomically([Parameter("process", value=str(model.process))])
-
-    def _on_reduce(self, request: Reduce.Request, response: Reduce.Response) -> Reduce.Response:
-        try:
-            process = self._process(request.process)
-            if request.template_name in ("", "all"):
-                models = reduce_all(process, keep_gain=request.keep_steady_state_gain)
-            else:
-                models = (reduce(process, request.template_name, keep_gain=request.keep_steady_state_gain),)
-            choice = preferred(models)
-        except InputError as error:
-            response.message = str(error)
-            return response
-        response.models = [
-            ReducedModel(template_name=m.template, process=str(m.process), names=list(m.parameters),
-                         values=list(m.parameters.values()), h2_error=m.h2_error, elapsed=m.elapsed)
-            for m in models
-        ]  # fmt: skip
-        response.success, response.preferred, response.message = True, choice.model.template, choice.reason
-        return response
-
-    def _process(self, text: str) -> Process:
-        known = text or self.get_parameter("process").value
-        if not known:
-            raise InputError("process = ''; allowed: P1 ... P4 or a transfer function in s")
-        return read_process(known)
-
-
-def _executor() -> Executor:
-    return MultiThreadedExecutor(num_threads=4)
+    def _publish(self, message: TuningResultMessage) -> None:
+        header_stamp(message.header, self.get_clock().now().nanoseconds)
+        self._last = message.message
+        self.background.on_executor(lambda: self._results.publish(message))
 
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``fopid_tuner``."""
-    return run(TunerNode, args, _executor)
+    return run(TunerNode, args)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ ADAPT = ("off", "propose", "apply")
 _ZERO_CHOOSES = "; 0 leaves it to the method"
 
 SPECS = (
-    Spec("process", "", "P1 ... P4, a transfer function in s as text, or a YAML file; empty until known"),
+    Spec("process", "", "P1 ... P4 or a transfer function in s as text; empty until known"),
     Spec("controller", "fopid_controller", "node name of the controller", read_only=True),
     Spec("method", "frequency", "what ~/tune does when not told", choices=METHODS),
     Spec("phase_margin", 0.0, f"phase margin to reach [rad]{_ZERO_CHOOSES}", 0.0, math.pi),

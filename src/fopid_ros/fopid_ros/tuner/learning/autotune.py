@@ -56,7 +56,6 @@ class Autotuner:
     """
 
     def __init__(self, tap: LoopTap, client: ControllerClient, request: AutotuneRequest, wait: LoopWait) -> None:
-        tap.require_exclusive_injection()
         controller = read_running_controller(client)
         self._tap, self._request, self._wait = tap, request, wait
         self._experiment = ClosedLoopExperiment(tap, wait, LoopBaseline(controller), request.experiment)
@@ -73,13 +72,13 @@ class Autotuner:
             After everything has been put back.
         """
         try:
+            self._tap.begin_injection()
             return self._run()
         except BaseException:
             self._gain_update.roll_back()
             raise
         finally:
-            self._tap.set_tick_hook(None)
-            self._tap.inject(0.0)
+            self._tap.end_injection()
 
     def _run(self) -> Outcome:
         self._experiment.measure()

@@ -13,7 +13,7 @@ from fopid_core.design.specification import TuningRequest
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.performance_monitor import LoopPerformance, MonitorSettings, PerformanceMonitor
-from fopid_ros.tuner.controller_client import GAINS, ControllerClient
+from fopid_ros.tuner.controller_client import GAINS, ControllerClient, UnconfirmedError
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 
@@ -157,7 +157,11 @@ class GainUpdate:
         if design is None or design.controller is None or design.achieved is None:
             raise InputError("a tuning without gains; allowed: one that succeeded")
         self._wait.report(Stage("applying", 0.75, message=str(design.controller)))
-        self._previous_gains = self._client.apply(design.controller)
+        try:
+            self._previous_gains = self._client.apply(design.controller)
+        except UnconfirmedError as error:  # they may have been taken: taking back must not depend on it
+            self._previous_gains = error.previous
+            raise
         response_time = 2.0 / design.achieved.crossover
         window = max(MONITORED_RESPONSES * response_time, 2 * TICKS_MIN * self._controller.sample_time)
         settings = MonitorSettings(window, response_time, error_factor=error_factor, noise=residual_transient)
@@ -192,7 +196,17 @@ class GainUpdate:
         return watch
 
     def roll_back(self) -> None:
-        """The gains from before, where others have been applied."""
-        if self._previous_gains is not None:
-            self._client.apply(self._previous_gains)
-            self._previous_gains = None
+        """The gains from before, where others have been applied.
+
+        Raises
+        ------
+        InputError
+            If the controller does not take them.
+        """
+        if self._previous_gains is None:
+            return
+        before, self._previous_gains = self._previous_gains, None
+        try:
+            self._client.apply(before)
+        except InputError as error:
+            raise InputError(f"the previous gains, {before}, could not be put back: {error}") from None

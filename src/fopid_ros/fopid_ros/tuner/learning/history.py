@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections import deque
+from array import array
 
 import numpy as np
 
@@ -12,6 +12,47 @@ from fopid_core.design.identification.record import Record
 from fopid_core.errors import InputError
 
 SIGNALS = ("setpoint", "measurement", "control")
+MOST = 1_000_000
+"""Samples of a signal that are kept at most, 16 MB: an hour at 277 Hz."""
+
+
+class Samples:
+    """Times and values of one signal, as bare numbers: 16 bytes each.
+
+    Attributes
+    ----------
+    times, values : array
+        Of doubles; what stands before ``begin`` is forgotten.
+    """
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all."""
+        self.times, self.values = array("d"), array("d")
+        self.begin = 0
+
+    def __len__(self) -> int:
+        return len(self.times) - self.begin
+
+    def add(self, time: float, value: float) -> None:
+        """Take the newest."""
+        self.times.append(time)
+        self.values.append(value)
+
+    def forget(self, before: float) -> None:
+        """Forget what is older, but for the last sample that still holds then; and all but ``MOST``."""
+        times = self.times
+        while len(self) > MOST or (len(self) > 1 and times[self.begin + 1] < before):
+            self.begin += 1
+        if 2 * self.begin > len(times):  # rarely, so that it costs nothing by the sample
+            del times[: self.begin], self.values[: self.begin]
+            self.begin = 0
+
+    def table(self) -> np.ndarray:
+        """Times and values, shape (n, 2)."""
+        return np.column_stack((np.array(self.times), np.array(self.values)))[self.begin :]
 
 
 class History:
@@ -28,29 +69,29 @@ class History:
     def __init__(self, kept: float) -> None:
         self.kept = kept
         self._lock = threading.Lock()
-        self._samples: dict[str, deque[tuple[float, float]]] = {name: deque() for name in SIGNALS}
+        self._samples = {name: Samples() for name in SIGNALS}
 
     def add(self, signal: str, time: float, value: float) -> None:
         """Take a sample; a time that runs backwards starts the history anew."""
         with self._lock:
             samples = self._samples[signal]
-            if samples and time < samples[-1][0]:
+            if len(samples) and time < samples.times[-1]:
                 for each in self._samples.values():
                     each.clear()
-            samples.append((time, value))
-            # The last sample before the stretch still holds at its beginning.
-            while len(samples) > 1 and samples[1][0] < time - self.kept:
-                samples.popleft()
+            samples.add(time, value)
+            samples.forget(time - self.kept)
 
     def newest(self, signal: str) -> float:
         """The newest value, NaN before the first."""
         with self._lock:
-            return self._samples[signal][-1][1] if self._samples[signal] else math.nan
+            samples = self._samples[signal]
+            return samples.values[-1] if len(samples) else math.nan
 
     def newest_time(self, signal: str) -> float:
         """When its newest value came [s], -inf before the first."""
         with self._lock:
-            return self._samples[signal][-1][0] if self._samples[signal] else -math.inf
+            samples = self._samples[signal]
+            return samples.times[-1] if len(samples) else -math.inf
 
     def record(self, since: float = -math.inf) -> Record:
         """What the controller saw and did at each of its ticks from ``since`` [s] on.
@@ -61,7 +102,7 @@ class History:
             If there is too little, or a signal has not been heard at all.
         """
         with self._lock:
-            kept = {name: np.array(samples).reshape(-1, 2) for name, samples in self._samples.items()}
+            kept = {name: samples.table() for name, samples in self._samples.items()}
         silent = [name for name in ("measurement", "control") if not len(kept[name])]
         if silent:
             raise InputError(f"{silent[0]} has not been heard; allowed: a running loop, with history above 0 s")

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from fopid_core.errors import InputError
@@ -25,6 +29,13 @@ SPECS = (
 )
 _DEEP = 1000
 
+REPEAT_PERIOD = 0.1
+"""The addend is told again so often [s]: a controller that hears nothing more of it lets it fade out."""
+MEETING_TIME = 3.0
+"""How long it may take until a controller and the publisher of the addend know each other [s]."""
+TAKEN_TIME = 0.3
+"""How long a controller may take to confirm the last addend [s]; it fades without that, too."""
+
 
 @dataclass(frozen=True)
 class Tick:
@@ -38,6 +49,10 @@ class Tick:
 
 class LoopTap:
     """Hears setpoint, measurement and control; adds to the control through the topic feedforward.
+
+    That topic is published only from ``begin_injection`` to ``end_injection``, again and again: the addend dies with
+    its author.
+    All that touches it runs on the executor's thread.
 
     Parameters
     ----------
@@ -54,21 +69,27 @@ class LoopTap:
 
     def __init__(self, node: ManagedNode, values: dict[str, Any]) -> None:
         self._node = node
-        types = {name: SignalType(values[f"{name}.type"], values[f"{name}.field"]) for name in (*SIGNALS, INJECTION)}
+        self._types = types = {name: SignalType(values[f"{name}.type"], values[f"{name}.field"], name)
+                               for name in (*SIGNALS, INJECTION)}  # fmt: skip
         self.history = History(values["history"])
         self._hook: Callable[[Tick], None] | None = None
+        self._failed: Exception | None = None
         self._ticked = threading.Condition()
         self._write = types[INJECTION].writer()
-        self._injection_publisher = node.endpoints.publisher(
-            types[INJECTION].message_type, INJECTION, loop_qos(lockstep=False)
-        )
+        self._injection: Publisher | None = None
+        self._added = 0.0
+        self._state: Any = None
         # Two signals are laid over each other: both by their stamps, or both by when they came.
         self._by_stamps = all(types[name].has_header for name in SIGNALS)
-        if values["history"]:
-            for name in SIGNALS:
-                self._subscribe(name, types[name])
-            state = f"{values['controller']}/state"
-            node.endpoints.subscription(FopidState, state, self._state, loop_qos(lockstep=False, reliable=False))
+        if not values["history"]:
+            return
+        for name in SIGNALS:
+            self._subscribe(name, types[name])
+        state = f"{values['controller']}/state"
+        self._state = node.endpoints.subscription(
+            FopidState, state, self._on_state, loop_qos(lockstep=False, reliable=False)
+        )
+        node.endpoints.timer(REPEAT_PERIOD, self._repeat, Clock(clock_type=ClockType.STEADY_TIME))
 
     def _subscribe(self, name: str, kind: SignalType) -> None:
         def heard(message: Any, info: dict[str, int]) -> None:
@@ -88,41 +109,96 @@ class LoopTap:
         if not -1e300 < value < 1e300:
             return
         self.history.add(name, time, value)
-        tick = Tick(time, *(self.history.newest(signal) for signal in SIGNALS))
-        if name != "control" or math.isnan(tick.setpoint + tick.measurement):
+        if name != "control":
             return
         if self._hook is not None:
-            self._hook(tick)
+            self._call_hook(Tick(time, *(self.history.newest(signal) for signal in SIGNALS)))
         with self._ticked:
             self._ticked.notify_all()
 
-    def _state(self, message: FopidState) -> None:
+    def _call_hook(self, tick: Tick) -> None:
+        if math.isnan(tick.setpoint + tick.measurement) or self._hook is None:
+            return
+        try:
+            self._hook(tick)
+        except Exception as error:  # noqa: BLE001  (raised again where the loop is waited for)
+            self._hook, self._failed = None, error
+
+    def _on_state(self, message: FopidState) -> None:
         """A setpoint that was published before this node listened is known to the controller only."""
         if math.isnan(self.history.newest("setpoint")):
             self.history.add("setpoint", self._node.get_clock().now().nanoseconds * 1e-9, message.setpoint)
 
     def set_tick_hook(self, hook: Callable[[Tick], None] | None) -> None:
-        """Call ``hook`` at every tick of the controller from now on; None for nobody."""
+        """Call ``hook`` at every tick of the controller from now on, on the executor's thread; None for nobody."""
         self._hook = hook
 
     def wait_for_tick(self, timeout: float) -> bool:
-        """Wait for the next tick; whether it came within ``timeout`` [s of the wall clock]."""
+        """Wait for the next tick; whether it came within ``timeout`` [s of the wall clock]. Raises what a hook did."""
+        failed, self._failed = self._failed, None
+        if failed is not None:
+            raise failed
         with self._ticked:
             return self._ticked.wait(timeout)
 
-    def inject(self, value: float) -> None:
-        """Have ``value`` added to the control until told otherwise."""
-        self._injection_publisher.publish(self._write(value, self._node.get_clock().now().nanoseconds))
+    # The addend.
 
-    def require_exclusive_injection(self) -> None:
-        """Raise InputError if nobody hears the addend, or somebody else sets it."""
+    def begin_injection(self) -> None:
+        """Begin to publish the addend, 0 at first; from a thread of its own.
+
+        Raises
+        ------
+        InputError
+            If nobody hears it, or somebody else publishes it.
+        """
+        background = self._node.background
+        others = background.value(self._other_authors, MEETING_TIME) or []
+        if others:
+            raise InputError(f"{INJECTION} is published by {', '.join(others)}; allowed: nobody, during an autotuning")
+        background.on_executor(self._open_injection)
+        deadline = time.monotonic() + MEETING_TIME
+        while not background.value(lambda: self._injection and self._injection.get_subscription_count(), MEETING_TIME):
+            if time.monotonic() > deadline:
+                self.end_injection()
+                raise InputError(f"nobody hears {INJECTION}; allowed: a controller that adds it to the control")
+            time.sleep(0.02)
+
+    def _other_authors(self) -> list[str]:
         topic = self._node.resolve_topic_name(INJECTION)
-        others = [
+        return [
             f"{info.node_namespace.rstrip('/')}/{info.node_name}"
             for info in self._node.get_publishers_info_by_topic(topic)
             if info.node_name != self._node.get_name() or info.node_namespace != self._node.get_namespace()
         ]
-        if others:
-            raise InputError(f"{INJECTION} is published by {', '.join(others)}; allowed: nobody, during an autotuning")
-        if not self._injection_publisher.get_subscription_count():
-            raise InputError(f"nobody hears {INJECTION}; allowed: a controller that adds it to the control")
+
+    def _open_injection(self) -> None:
+        if self._injection is None:
+            qos = loop_qos(lockstep=False)
+            self._injection = self._node.endpoints.publisher(self._types[INJECTION].message_type, INJECTION, qos)
+
+    def inject(self, value: float) -> None:
+        """Have ``value`` added to the control until told otherwise; from a hook."""
+        if self._injection is not None:
+            self._added = value
+            self._injection.publish(self._write(value, self._node.get_clock().now().nanoseconds))
+
+    def _repeat(self) -> None:
+        if self._injection is not None:
+            self.inject(self._added)
+        if self._state is not None and not math.isnan(self.history.newest("setpoint")):
+            self._node.endpoints.destroy(self._state)  # a state that nobody hears costs the controller nothing
+            self._state = None
+
+    def end_injection(self) -> None:
+        """Leave the loop alone: no hook, no addend; from a thread of its own."""
+        self._node.background.value(self.end_injection_now, MEETING_TIME)
+
+    def end_injection_now(self) -> None:
+        """The same, from the executor's thread: no hook can run any more when this has."""
+        self._hook = None
+        if self._injection is None:
+            return
+        self.inject(0.0)
+        self._injection.wait_for_all_acked(Duration(seconds=TAKEN_TIME))
+        self._node.endpoints.destroy(self._injection)
+        self._injection = None

@@ -1,0 +1,116 @@
+"""Spinning a node until its process is told to stop, and an end that comes whatever the node does."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.task import Future
+
+from fopid_core.errors import InputError
+
+FOREVER = 1e8  # [s]
+FINISH_TIME = 3.0
+"""How long work in other threads may take to end when it is told to [s]."""
+JOIN_TIME = 1.0  # how long the callback that runs just now may take to end [s]
+HARD_STOP = 6.0
+"""A process that was told to stop and has not ended after so long [s] is ended outright, with tracebacks on stderr."""
+LAST_DOMAIN = 232  # its UDP ports are the last below 65536
+CLOCK_WATCH_PERIOD = 0.1  # how often the system clock is looked at, and by how much it may be set back unseen [s]
+
+
+class Spun(Protocol):
+    """What is spun: a node."""
+
+    def cancel_work(self, why: str) -> bool:
+        """Tell work in other threads to end."""
+
+    def finish(self) -> None:
+        """Wait for it."""
+
+    def restart_timers(self) -> None:
+        """Let all timers begin anew."""
+
+
+class StopSignal:
+    """Ctrl-C and termination as an event that threads can wait for; from then on the process's time is limited."""
+
+    def __init__(self) -> None:
+        self.event = threading.Event()
+        self.listen()
+
+    def listen(self) -> None:
+        """Take the signals, also from who took them in between."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._stop)
+
+    def _stop(self, *_: object) -> None:
+        # A thread of C, which needs no lock of Python's: whatever hangs, and in whatever library, it ends.
+        faulthandler.dump_traceback_later(HARD_STOP, exit=True)
+        self.event.set()
+
+
+def check_domain() -> None:
+    """Raise InputError for a domain that the transport has no ports for: it would end the process outright."""
+    text = os.environ.get("ROS_DOMAIN_ID", "0").strip()
+    if text.isdecimal() and int(text) > LAST_DOMAIN:
+        raise InputError(f"ROS_DOMAIN_ID = {text}; allowed: 0 to {LAST_DOMAIN}")
+
+
+def log_warnings(tell: Callable[[str], Any]) -> None:
+    """Have Python's warnings told by the node's log, each once for its place in the sources."""
+
+    def show(message: Any, category: type[Warning], filename: str, lineno: int, *_: object) -> None:
+        tell(f"{category.__name__}: {' '.join(str(message).split())} ({filename}:{lineno})")
+
+    warnings.showwarning = show
+
+
+def spin_until(stop: StopSignal, node: Any) -> None:
+    """Spin in a thread of its own, so that signals are seen at once; raise what a callback raised."""
+    failure: list[BaseException] = []
+    executor = EventsExecutor()
+    stop.listen()  # the executor has taken the signals for itself
+    executor.add_node(node)
+    stopped = Future()
+
+    def spin() -> None:
+        try:
+            # Not spin(): without a time limit, EventsExecutor of rclpy 7.1 loops without waiting.
+            executor.spin_until_future_complete(stopped, timeout_sec=FOREVER)
+        except BaseException as error:  # noqa: BLE001  (handed to the main thread below)
+            failure.append(error)
+        finally:
+            stop.event.set()
+
+    thread = threading.Thread(target=spin, name="executor", daemon=True)
+    thread.start()
+    _wait(stop.event, lambda: executor.create_task(node.restart_timers))
+    if node.cancel_work("the node is told to stop"):
+        node.finish()
+    stopped.set_result(None)
+    executor.wake()
+    thread.join(timeout=JOIN_TIME)
+    executor.shutdown(timeout_sec=JOIN_TIME)
+    if failure:
+        raise failure[0]
+
+
+def _wait(stop: threading.Event, on_time_jump_back: Callable[[], object]) -> None:
+    """Wait for ``stop``, with an eye on the system clock.
+
+    The timers of rclpy's wheels sleep until an instant of the system clock, even those of a steady clock: when it
+    is set back they would oversleep by as much. Of a change that is made over a longer time they see little.
+    """
+    offset = time.time() - time.monotonic()
+    while not stop.wait(CLOCK_WATCH_PERIOD):
+        before, offset = offset, time.time() - time.monotonic()
+        if offset < before - CLOCK_WATCH_PERIOD:
+            on_time_jump_back()
