@@ -1,10 +1,12 @@
-# Run `make` for the list of targets. Everything runs in .venv, which is made when it is missing.
+# Run `make` for the list of targets. Everything runs in .venv, which is made when it is missing;
+# `make VENV=.venv-jazzy ...` does the same with the libraries of Ubuntu 24.04.
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
 
-BIN := $(CURDIR)/.venv/bin
+VENV := .venv
+BIN := $(CURDIR)/$(VENV)/bin
 
 # A ROS 2 installation sourced in the calling shell must not mix with the one in .venv.
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME PYTHONPATH
@@ -24,11 +26,11 @@ PYTEST = "$(BIN)/python" -m pytest --numprocesses auto --dist loadfile
 
 .PHONY: help
 help: ## Show this list
-	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 .PHONY: venv
 venv: ## Make .venv, or bring it up to date
-	@tools/make_venv.sh
+	@tools/make_venv.sh $(VENV)
 
 .PHONY: demo
 demo: venv ## Tune and run a loop over ROS 2, write the report [PROCESS='9/((s+1)(s^2+2s+9))']
@@ -45,6 +47,16 @@ test-slow: venv ## Run the tests marked slow
 .PHONY: test-all
 test-all: venv ## Run the fast and the slow tests
 	@$(PYTEST) -m 'not colcon' $(ARGS)
+
+.PHONY: test-jazzy
+test-jazzy: ## Fast tests, every verb and the demonstration with the libraries of Ubuntu 24.04
+	@$(MAKE) VENV=.venv-jazzy test
+	@$(MAKE) VENV=.venv-jazzy test-verbs
+	@$(MAKE) VENV=.venv-jazzy demo
+
+.PHONY: test-verbs
+test-verbs: venv ## Run each verb of the command line once
+	@$(PYTEST) -m 'slow or not slow' tests/core/cli/test_verbs.py $(ARGS)
 
 .PHONY: bench
 bench: venv ## Measure the performance figures, each beside its baseline
@@ -69,12 +81,13 @@ colcon: venv ## Build and test the tree as a colcon workspace, in build/colcon
 .PHONY: lock
 lock: venv ## Compile requirements*.in anew [ARGS='--upgrade']
 	@export UV_CUSTOM_COMPILE_COMMAND='make lock'; \
-	lock=("$(BIN)/uv" pip compile --quiet --no-emit-index-url --python-version 3.11 --override requirements-override.in); \
-	"$${lock[@]}" $(ARGS) requirements-dev.in --output-file requirements-dev.txt; \
-	"$${lock[@]}" --constraint requirements-dev.txt requirements.in --output-file requirements.txt
+	lock=("$(BIN)/uv" pip compile --quiet --no-emit-index-url --override requirements-override.in $(ARGS)); \
+	"$${lock[@]}" --python-version 3.11 requirements-dev.in --output-file requirements-dev.txt; \
+	"$${lock[@]}" --python-version 3.11 --constraint requirements-dev.txt requirements.in --output-file requirements.txt; \
+	"$${lock[@]}" --python-version 3.12 requirements-jazzy.in --output-file requirements-jazzy.txt
 
 .PHONY: clean
 clean: ## Remove everything make made, .venv too
-	rm -rf .venv build .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-jazzy build .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find src tests tools -name __pycache__ -prune -exec rm -rf {} +
 	rm -rf src/*/*.egg-info

@@ -1,23 +1,34 @@
 #!/usr/bin/env bash
-# Make .venv, or bring it up to date; does nothing when it is.
+# make_venv.sh [.venv | .venv-jazzy]: make it, or bring it up to date; does nothing when it is.
 #
-# The stamp .venv/.complete is written last and removed first, and holds a checksum of everything the
+# .venv has today's libraries (requirements-dev.txt), .venv-jazzy those of Ubuntu 24.04 (requirements-jazzy.txt).
+# The stamp .complete in it is written last and removed first, and holds a checksum of everything the
 # environment is made from. Without a stamp an environment is half-finished: it is thrown away.
 set -euo pipefail
 shopt -s globstar nullglob
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
-venv=$root/.venv
+name=${1:-.venv}
+venv=$root/$name
 stamp=$venv/.complete
+case $name in
+  .venv) lock=requirements-dev.txt wheels=build/wheels wanted=${PYTHON:-python3.11} ;;
+  .venv-jazzy) lock=requirements-jazzy.txt wheels=build/wheels-jazzy wanted=python3.12 ;;
+  *) echo "make venv: environment '$name'; allowed: .venv, .venv-jazzy" >&2 && exit 2 ;;
+esac
 shared_files=(src/fopid_ros/launch/*.launch.* config/**/*.yaml layouts/*)
 mkdir -p build
 
-say() { printf '[venv] %s\n' "$*"; }
+say() { printf '[%s] %s\n' "${name#.}" "$*"; }
 
 choose_python() {
   local candidate
-  for candidate in "${PYTHON:-python3.11}" python3 python3.12 python3.13; do
+  for candidate in "$wanted" "${PYENV_ROOT:-$HOME/.pyenv}"/versions/"${wanted#python}".*/bin/"$wanted" \
+    python3 python3.12 python3.13; do
     if "$candidate" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null; then
+      if [[ $name = .venv-jazzy && $("$candidate" --version) != 'Python 3.12.'* ]]; then
+        say "no Python 3.12 as on Ubuntu 24.04 was found; its libraries are tried with $("$candidate" --version)" >&2
+      fi
       command -v "$candidate"
       return
     fi
@@ -29,7 +40,7 @@ choose_python() {
 # Everything the wheel of fopid_msgs is made from.
 msgs_inputs() {
   "$1" -VV
-  grep -E '^ros-|^numpy=' requirements-dev.txt
+  grep -E '^ros-|^numpy=' "$lock"
   find src/fopid_msgs -type f -not -path '*/__pycache__/*' -print0 | sort -z | xargs -0 sha256sum
 }
 
@@ -37,7 +48,7 @@ msgs_inputs() {
 venv_inputs() {
   echo "$root"
   msgs_inputs "$1"
-  sha256sum requirements-dev.txt tools/make_venv.sh src/fopid_{core,ros}/{package.xml,setup.py,setup.cfg}
+  sha256sum "$lock" tools/make_venv.sh src/fopid_{core,ros}/{package.xml,setup.py,setup.cfg}
   printf '%s\n' "${shared_files[@]}"
 }
 
@@ -45,31 +56,55 @@ checksum() { sha256sum | cut -d' ' -f1; }
 
 build_msgs() {
   local folder
-  folder=build/wheels/$(msgs_inputs "$venv/bin/python" | checksum)
+  folder=$wheels/$(msgs_inputs "$venv/bin/python" | checksum)
   if ! compgen -G "$folder/*.whl" >/dev/null; then
     say 'building fopid_msgs (messages and services; about half a minute)'
-    rm -rf build/wheels
-    mkdir -p build/wheels
+    rm -rf "$wheels"
+    mkdir -p "$wheels"
     if ! PATH=$venv/bin:$PATH "$venv/bin/uv" build --wheel --no-build-isolation \
-      --python "$venv/bin/python" --out-dir build/wheels/new src/fopid_msgs >build/fopid_msgs.log 2>&1; then
+      --python "$venv/bin/python" --out-dir "$wheels/new" src/fopid_msgs >build/fopid_msgs.log 2>&1; then
       tail -n 40 build/fopid_msgs.log >&2
       echo 'make venv: fopid_msgs did not build; the whole output is in build/fopid_msgs.log' >&2
       return 1
     fi
-    mv build/wheels/new "$folder"
+    mv "$wheels/new" "$folder"
   fi
   wheel=$(compgen -G "$folder/*.whl")
 }
 
 install_locked() {
   local uv_pin
-  uv_pin=$(grep '^uv==' requirements-dev.txt)
+  uv_pin=$(grep '^uv==' "$lock")
   "$venv/bin/python" -m pip install -qq --disable-pip-version-check "$uv_pin"
-  say "installing $(grep -c == requirements-dev.txt) pinned packages"
-  # The lock is complete; asked for dependencies, an installer would bring back what it leaves out.
-  # uv does not read pip's configuration; where packages come from a mirror, pip does it.
-  "$venv/bin/uv" pip install --quiet --python "$venv/bin/python" --no-deps -r requirements-dev.txt ||
-    "$venv/bin/python" -m pip install -qq --disable-pip-version-check --no-deps -r requirements-dev.txt
+  say "installing $(grep -c == "$lock") pinned packages"
+  # Without their dependencies: the lock is complete; asked for them, an installer would bring back what it leaves out.
+  grep -v '^matplotlib==3\.6\.' "$lock" >"$venv/pinned.txt"
+  install_pinned -r "$venv/pinned.txt"
+  if grep -q '^matplotlib==3\.6\.' "$lock"; then
+    install_old_matplotlib
+  fi
+}
+
+# uv does not read pip's configuration; where packages come from a mirror, pip does it.
+install_pinned() {
+  "$venv/bin/uv" pip install --quiet --python "$venv/bin/python" --no-deps "$@" ||
+    "$venv/bin/python" -m pip install -qq --disable-pip-version-check --no-deps "$@"
+}
+
+# Ubuntu 24.04 builds matplotlib 3.6 for Python 3.12 itself, PyPI has no wheel of it.
+install_old_matplotlib() {
+  local folder=build/wheels-matplotlib
+  if ! compgen -G "$folder/*.whl" >/dev/null; then
+    say 'building matplotlib (about a minute)'
+    printf '[libs]\nsystem_freetype = true\nsystem_qhull = true\n' >build/matplotlib.cfg
+    if ! MPLSETUPCFG=$root/build/matplotlib.cfg "$venv/bin/python" -m pip wheel --no-deps --no-build-isolation \
+      --no-binary matplotlib --wheel-dir "$folder" "$(grep -o '^matplotlib==[0-9.]*' "$lock")" >build/matplotlib.log 2>&1; then
+      tail -n 20 build/matplotlib.log >&2
+      echo 'make venv: matplotlib did not build; it needs g++, pkg-config and the packages libfreetype-dev and libqhull-dev' >&2
+      return 1
+    fi
+  fi
+  install_pinned "$folder"/matplotlib-*.whl
 }
 
 install_project() {
@@ -97,11 +132,11 @@ if [ -f "$stamp" ] && [ -x "$venv/bin/python" ] && [ "$(venv_inputs "$venv/bin/p
 fi
 if [ -f "$stamp" ] && grep -qF -- "-m venv $venv" "$venv/pyvenv.cfg" && "$venv/bin/python" -c '' 2>/dev/null; then
   # A virtual environment does not survive being moved or copied, nor the loss of its interpreter.
-  say 'bringing .venv up to date'
+  say "bringing $name up to date"
   rm "$stamp"
 else
   python=$(choose_python)
-  say "making .venv with $("$python" --version)"
+  say "making $name with $("$python" --version)"
   rm -rf "$venv"
   "$python" -m venv "$venv"
 fi

@@ -10,19 +10,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from fopid_core.cli.main import main
 from fopid_core.data import paper_tables
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
 
+from .runner import invoke
+
 GAINS = "2.9692,0.8028,1.3394,1.0138,0.6074"
 
 
 def run(*arguments: str) -> Result:
-    return CliRunner().invoke(main, arguments)
+    return invoke(arguments)
 
 
 def answer(*arguments: str) -> dict[str, Any]:

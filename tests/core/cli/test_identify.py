@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 from rosbags.rosbag2 import StoragePlugin
 
-from fopid_core.cli.main import main
 from fopid_core.design.identification.record import Record
 from fopid_core.study.records import read_record
 
 from ..design.identification.recorded import step_record
 from ..study.recording import Recording, record_loop
+from .runner import invoke
 
 
 def run(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["identify", *map(str, arguments)])
+    return invoke(["identify", *map(str, arguments)])
 
 
 def answer(*arguments: object, status: int = 0) -> dict[str, Any]:

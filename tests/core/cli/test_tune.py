@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from fopid_core.cli.main import main
 from fopid_core.data import paper_tables
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
@@ -19,11 +18,13 @@ from fopid_core.model.process import read_process
 from fopid_core.model.templates import TEMPLATES
 from fopid_core.runtime.controller import ControllerSettings, FopidController
 
+from .runner import invoke
+
 PAPERS_BOUNDS = ("--t-max", "-40@10", "--s-max", "-40@0.01")
 
 
 def run(*arguments: str) -> Result:
-    return CliRunner().invoke(main, arguments)
+    return invoke(arguments)
 
 
 def answer(*arguments: str, status: int = 0) -> dict[str, Any]:

@@ -10,13 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from click.testing import Result
 
-from fopid_core.cli.main import main
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.c_export import _vectors, c_header, c_test
 from fopid_core.runtime.controller import ControllerSettings, FopidController
+
+from ..cli.runner import invoke
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 ITAE = Fopid(2.9692, 0.8028, 1.3394, 1.0138, 0.6074)
@@ -89,14 +90,14 @@ def test_the_vectors_saturate_and_stay_finite_for_any_gains_and_sample_time(gain
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    result = invoke("--gains", "1,1,0,1,1", "--out", str(tmp_path / "file" / "out"))
+    result = export("--gains", "1,1,0,1,1", "--out", str(tmp_path / "file" / "out"))
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
     assert "out " in result.stderr
 
 
 def test_numbers_and_truths_are_typed_as_the_node_reads_them(tmp_path: Path) -> None:
     more = "--set band.poles=9 --set band.low=0.01 --set bumpless=false --set antiwindup=none"
-    result = invoke("--gains", "1,.5,.1,.9,.8", *more.split(), "--name", "loop", "--out", str(tmp_path))
+    result = export("--gains", "1,.5,.1,.9,.8", *more.split(), "--name", "loop", "--out", str(tmp_path))
     assert result.exit_code == 0
     assert "by 10 lags" in (tmp_path / "loop.h").read_text()
 
@@ -149,13 +150,13 @@ def test_a_name_that_c_does_not_take_is_named(name: str) -> None:
         c_header(CONTROLLERS["rate"], name)
 
 
-def invoke(*arguments: str) -> object:
-    return CliRunner().invoke(main, ["export", *arguments])
+def export(*arguments: str) -> Result:
+    return invoke(["export", *arguments])
 
 
 def test_the_verb_writes_both_files_and_one_json_object(tmp_path: Path) -> None:
     typed = "--gains 1,.5,.1,.9,.8 --sample-time 0.02 --limits 0,5 --set antiwindup=conditional_integration --name loop"
-    result = invoke(*typed.split(), "--out", str(tmp_path), "--json")
+    result = export(*typed.split(), "--out", str(tmp_path), "--json")
     assert result.exit_code == 0
     data = json.loads(result.stdout)
     assert data["gains"] == {"kp": 1.0, "ki": 0.5, "kd": 0.1, "lam": 0.9, "mu": 0.8}
@@ -171,7 +172,7 @@ def test_the_verb_reads_the_nodes_parameter_file(tmp_path: Path) -> None:
         "/fopid_controller:\n  ros__parameters:\n    kp: 2\n    ki: 0.5\n    lam: 0.9\n    sample_time: 0.05\n"
         "    control_max: .inf\n    control_min: -1.0\n    band: {low: 0.01}\n    trigger: realtime\n"
     )
-    data = json.loads(invoke("--params", str(file), "--out", str(tmp_path), "--json").stdout)
+    data = json.loads(export("--params", str(file), "--out", str(tmp_path), "--json").stdout)
     assert (data["gains"]["kp"], data["gains"]["lam"], data["sample_time"]) == (2.0, 0.9, 0.05)
     assert data["control_min"] == -1.0
     assert "met from 0.01 to" in Path(data["header"]).read_text()
@@ -196,7 +197,7 @@ def test_the_verb_reads_the_nodes_parameter_file(tmp_path: Path) -> None:
     ],
 )
 def test_bad_input_ends_in_one_line_and_status_2(arguments: list, named: str, tmp_path: Path) -> None:
-    result = invoke(*arguments, "--out", str(tmp_path / "out"))
+    result = export(*arguments, "--out", str(tmp_path / "out"))
     assert result.exit_code == 2
     assert named in result.stderr
     assert result.stderr.count("\n") == 1

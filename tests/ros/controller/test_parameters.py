@@ -8,14 +8,12 @@ from pathlib import Path
 
 import pytest
 import yaml
-from click.testing import CliRunner
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import DescribeParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-from fopid_core.cli.main import main
 from fopid_core.runtime.controller import ControllerSettings
 from fopid_core.study.experiments.loop_parameters import controller_settings as offline_settings
 from fopid_msgs.msg import ScalarStamped
@@ -24,6 +22,7 @@ from fopid_ros.common.signals import SignalType
 from fopid_ros.controller.parameters import SPECS
 from fopid_ros.controller.parameters import controller_settings as node_settings
 
+from ...core.cli.runner import invoke
 from ..conftest import Graph, LockstepLoop
 from .fed import FedController, LockstepByHand
 
@@ -183,7 +182,7 @@ def test_what_the_node_saves_is_what_the_export_reads(tmp_path: Path) -> None:
     overrides = {"qos_overrides./control.publisher.depth": 3}
     write_parameter_file(tmp_path / "saved.yaml", "/loop/controller", always | values | overrides)
     arguments = ["export", "--params", str(tmp_path / "saved.yaml"), "--out", str(tmp_path)]
-    result = CliRunner().invoke(main, arguments, catch_exceptions=False)
+    result = invoke(arguments, catch_exceptions=False)
     assert result.exit_code == 0, result.stderr
     assert "kp = 2.0, ki = 0.0, kd = 0.0, lam = 0.9" in (tmp_path / "fopid_controller.h").read_text()
 

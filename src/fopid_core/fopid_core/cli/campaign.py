@@ -6,6 +6,7 @@ import math
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +14,10 @@ import click
 
 from fopid_core.cli.options import ARGUMENTS, as_json
 from fopid_core.cli.output import emit
+from fopid_core.cli.progress import progress
 from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
     from fopid_core.study.campaigns.campaign import Campaign
     from fopid_core.study.campaigns.run import CampaignProgress
 
@@ -43,9 +43,8 @@ def campaign_verb(file: Path, out: Path | None, workers: int | None, scheduler: 
     campaign = read_campaign(file)
     out = out or Path("runs") / f"{campaign.name}.parquet"
     begun = time.monotonic()
-    with _progress() as bar:
-        told = _Told(campaign, bar)
-        kept = run_campaign(campaign, out, workers, scheduler, told)
+    with progress(campaign.name) as bar:
+        kept = run_campaign(campaign, out, workers, scheduler, _Told(bar))
     results = read_results(out)
     counts = {pair["values"]: pair["counts"] for pair in results["status"].value_counts().to_pylist()}
     data: dict[str, Any] = {"results": str(out), "runs": campaign.runs, "done_before": kept, "status": counts}
@@ -53,29 +52,20 @@ def campaign_verb(file: Path, out: Path | None, workers: int | None, scheduler: 
     emit(data, [("Campaign", {name: value for name, value in data.items() if name != "status"} | counts)], as_json)
 
 
-def _progress() -> Progress:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.completed:,.0f} of {task.total:,.0f} runs"), BarColumn(), TimeElapsedColumn(),
-               TextColumn("{task.description}"))  # fmt: skip
-    return Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty())
-
-
 class _Told:
     """The progress as a bar on a terminal, and else as a line for each tenth of the runs."""
 
-    def __init__(self, campaign: Campaign, bar: Progress) -> None:
-        self._bar, self._task = bar, bar.add_task("", total=campaign.runs)
-        self._tenth = -1
+    def __init__(self, bar: Callable[[float, str], None]) -> None:
+        self._bar, self._tenth = bar, -1
 
-    def __call__(self, progress: CampaignProgress) -> None:
-        left = "" if math.isnan(progress.left) else f"about {_duration(progress.left)} left"
-        self._bar.update(self._task, completed=progress.done, description=left)
-        tenth = 10 * progress.done // progress.total
-        if self._bar.disable and tenth > self._tenth:
+    def __call__(self, runs: CampaignProgress) -> None:
+        left = "" if math.isnan(runs.left) else f"about {_duration(runs.left)} left"
+        text = f"{runs.done:,} of {runs.total:,} runs {left}".rstrip()
+        self._bar(runs.done / runs.total, text)
+        tenth = 10 * runs.done // runs.total
+        if not sys.stderr.isatty() and tenth > self._tenth:
             self._tenth = tenth
-            print(f"{progress.done:,} of {progress.total:,} runs {left}".rstrip(), file=sys.stderr, flush=True)
+            print(text, file=sys.stderr, flush=True)
 
 
 def _duration(seconds: float) -> str:

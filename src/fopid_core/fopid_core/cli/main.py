@@ -19,8 +19,9 @@ from fopid_core.cli.campaign import campaign_verb
 from fopid_core.cli.certify import certify_verb
 from fopid_core.cli.export import export_verb
 from fopid_core.cli.identify import identify_verb
-from fopid_core.cli.options import ARGUMENTS, as_json, process_argument
+from fopid_core.cli.options import ARGUMENTS, BAD_INPUT, Verbs, as_json, process_argument
 from fopid_core.cli.output import emit
+from fopid_core.cli.progress import progress
 from fopid_core.cli.report import repair_verb, report_verb
 from fopid_core.cli.reproduce import reproduce_verb
 from fopid_core.cli.simulate import simulate_verb
@@ -33,12 +34,10 @@ if TYPE_CHECKING:
     from fopid_core.model.margins import Margins
     from fopid_core.model.response import Source
 
-BAD_INPUT = 2
-
 Verb = Callable[..., Any]
 
 
-class OneLineErrors(click.Group):
+class OneLineErrors(Verbs):
     """A group whose errors are one line on stderr, without usage text or traceback."""
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
@@ -46,9 +45,6 @@ class OneLineErrors(click.Group):
         kwargs["standalone_mode"] = False
         try:
             sys.exit(super().main(*args, **kwargs) or 0)
-        except click.exceptions.NoArgsIsHelpError as error:
-            click.echo(error.format_message(), err=True)
-            sys.exit(BAD_INPUT)
         except (InputError, click.ClickException) as error:
             message = error.format_message() if isinstance(error, click.ClickException) else str(error)
             click.echo(f"fopid: {' '.join(message.split())}", err=True)
@@ -225,13 +221,9 @@ def region_verb(process: str, orders: str, kd: float, points: int, plot: Path | 
 @as_json
 def benchmark_verb(quick: bool, as_json: bool) -> None:
     """Measure how fast the core is, each figure beside its baseline."""
-    from rich.console import Console
-    from rich.progress import Progress
-
     from fopid_core.study.benchmarks.benchmark import benchmark
 
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("benchmark", total=1.0)
-        figures = benchmark(lambda share, what: bar.update(task, completed=share, description=what), not quick)
+    with progress("benchmark") as told:
+        figures = benchmark(told, not quick)
     rows = [asdict(figure) | {"ratio": figure.ratio} for figure in figures]
     emit({"figures": rows}, [("Benchmark", {figure.name: str(figure) for figure in figures})], as_json)

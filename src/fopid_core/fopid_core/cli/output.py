@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import click
 import numpy as np
 
 
@@ -24,17 +25,11 @@ def emit(data: Mapping[str, Any], tables: Iterable[tuple[str, Mapping[str, Any]]
     if as_json:
         print(json.dumps(jsonable(data), ensure_ascii=False))
         return
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console()
+    formatter = click.HelpFormatter()
     for title, rows in tables:
-        table = Table(title=title, title_justify="left", show_header=False)
-        table.add_column()
-        table.add_column(justify="right")
-        for name, value in rows.items():
-            table.add_row(name, text(value))
-        console.print(table)
+        with formatter.section(title):
+            formatter.write_dl([(name, text(value)) for name, value in rows.items()])
+    click.echo(formatter.getvalue(), nl=False)
 
 
 def jsonable(value: Any) -> Any:

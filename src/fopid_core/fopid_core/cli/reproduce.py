@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import asdict
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import click
 
 from fopid_core.cli.options import ARGUMENTS, as_json
 from fopid_core.cli.output import emit
+from fopid_core.cli.progress import progress
 
 
 @click.command("reproduce", context_settings=ARGUMENTS)
@@ -20,14 +20,10 @@ from fopid_core.cli.output import emit
 @as_json
 def reproduce_verb(out: Path, as_json: bool) -> None:
     """Compute every table and figure of the paper, beside what it prints, and say where it errs."""
-    from rich.console import Console
-    from rich.progress import Progress
-
     from fopid_core.study.reproduce.reproduction import reproduce
 
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("reproduce", total=1.0)
-        written = reproduce(out, lambda share, what: bar.update(task, completed=share, description=what))
+    with progress("reproduce") as told:
+        written = reproduce(out, told)
     data = {
         "out": str(out),
         "files": {str(path): what for path, what in written.files.items()},

@@ -12,6 +12,7 @@ import click
 
 from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json
 from fopid_core.cli.output import emit
+from fopid_core.cli.progress import progress
 from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,16 +29,13 @@ if TYPE_CHECKING:
 @as_json
 def simulate_verb(file: Path | None, replay: Path | None, out: Path | None, as_json: bool) -> None:
     """Run an experiment without ROS: the numbers that the nodes give in lockstep."""
-    from rich.console import Console
-
     from fopid_core.study.experiments.simulate import simulate_experiment
     from fopid_core.study.reports.segment_table import print_segments
     from fopid_core.study.reports.segments import segments
 
     experiment, recorded = _experiment(file, replay)
-    console = Console(stderr=True)
-    with console.status(experiment.name) as status:
-        found = simulate_experiment(experiment, status.update)
+    with progress(experiment.name) as told:
+        found = simulate_experiment(experiment, lambda what: told(0.0, what))
     measured = segments(found.as_run(out or Path(experiment.name)))
     data: dict[str, Any] = {"name": experiment.name, "process": experiment.process, "samples": found.trace.time.size}
     if recorded is not None:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, process_argument
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, Verbs, as_json, process_argument
 from fopid_core.cli.output import emit
+from fopid_core.cli.progress import progress
 from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def reduce_verb(process: str, template: str, keep_gain: bool, as_json: bool) -> 
     emit({"models": rows, "preferred": choice.model.template, "reason": choice.reason}, tables, as_json)
 
 
-@click.group("tune", context_settings={"help_option_names": ["-h", "--help"]})
+@click.group("tune", cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]})
 def tune_group() -> None:
     """Choose the controller's five numbers, and verify the loop."""
 
@@ -135,14 +135,10 @@ def rule_verb(process: str, rule: str | None, crossover: float | None, as_json: 
 
 def _tune(request: TuningRequest, as_json: bool) -> None:
     """Tune with a progress bar on stderr, write the result, leave with the exit status of the contract."""
-    from rich.console import Console
-    from rich.progress import Progress
-
     from fopid_core.design.tuner import tune
 
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(request.method, total=1.0)
-        result = tune(request, lambda share, what: bar.update(task, completed=share, description=what))
+    with progress(request.method) as told:
+        result = tune(request, told)
     data = _result_rows(result)
     gains, achieved = data["gains"] or {}, data["achieved"] or {}
     rest = {name: value for name, value in data.items() if name not in ("gains", "achieved")}

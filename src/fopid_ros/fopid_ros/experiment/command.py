@@ -124,8 +124,7 @@ def show_results(folder: Path, console: Console) -> None:
     with console.status("writing the report"):
         run = read_bag(folder / "bag")
         page, picture = write_report([run], folder / "report.html")
-    out = Console(width=max(TABLE_WIDTH, Console().width))
-    out.print(segment_table(segments(run), width=out.width))
+    print(segment_table(segments(run), width=max(TABLE_WIDTH, console.width)))
     for name, path in (("bag", folder / "bag"), ("report", page), ("picture", picture)):
         print(f"{name:8} {path}")
 

@@ -7,9 +7,7 @@ import json
 import control
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from fopid_core.cli.main import main
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.indices import indices
 from fopid_core.model.loop import Loop
@@ -18,6 +16,8 @@ from fopid_core.model.response import step_response
 from fopid_core.study.benchmarks.baseline import closed_loop, fractional_power, itae, tune_itae
 from fopid_core.study.benchmarks.benchmark import GAINS
 from fopid_core.study.benchmarks.figure import Figure, best_time
+
+from ...cli.runner import invoke
 
 
 def test_the_ratio_is_how_many_times_faster() -> None:
@@ -69,7 +69,7 @@ def test_the_baselines_tuning_keeps_the_bounds(monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_every_figure_of_the_performance_table_is_measured() -> None:
-    result = CliRunner().invoke(main, ["benchmark", "--quick", "--json"])
+    result = invoke(["benchmark", "--quick", "--json"])
     assert result.exit_code == 0
     figures = json.loads(result.stdout)["figures"]
     names = " ".join(figure["name"] for figure in figures)

@@ -15,10 +15,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from click.testing import CliRunner
 
 import fopid_core.study.campaigns.task as campaign_task
-from fopid_core.cli.main import main
 from fopid_core.design.tuner import TuningRequest, tune
 from fopid_core.errors import InputError
 from fopid_core.model.evaluation import evaluate
@@ -29,6 +27,8 @@ from fopid_core.study.campaigns.campaign import Campaign, Design, Range, Variati
 from fopid_core.study.campaigns.columns import SCHEMA
 from fopid_core.study.campaigns.run import CampaignProgress, read_results, run_campaign
 from fopid_core.study.campaigns.varied_loops import varied
+
+from ...cli.runner import invoke
 
 FOPID = str(Path(sys.executable).with_name("fopid"))
 SMALL = Campaign(
@@ -199,7 +199,7 @@ def test_results_that_cannot_be_written_are_named(tmp_path: Path, out: str, name
 def test_the_verb_prints_one_json_object_and_draws_what_is_asked(results: pa.Table, tmp_path: Path) -> None:
     file, out = tmp_path / "c.yaml", tmp_path / "c.csv"
     file.write_text(SMALL.to_yaml())
-    ended = CliRunner().invoke(main, ["campaign", str(file), "--out", str(out), "--workers", "1", "--json"])
+    ended = invoke(["campaign", str(file), "--out", str(out), "--workers", "1", "--json"])
     assert ended.exit_code == 0, ended.output
     data = json.loads(ended.stdout)
     assert data["runs"] == SMALL.runs == sum(data["status"].values())
@@ -220,7 +220,7 @@ def test_the_verb_prints_one_json_object_and_draws_what_is_asked(results: pa.Tab
 def test_the_verb_names_what_it_cannot_use(tmp_path: Path, more: list[str], named: str) -> None:
     file = tmp_path / "c.yaml"
     file.write_text(SMALL.to_yaml())
-    ended = CliRunner().invoke(main, ["campaign", str(file), *more])
+    ended = invoke(["campaign", str(file), *more])
     assert ended.exit_code == 2
     assert named in ended.stderr
 

@@ -10,10 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from rosbags.rosbag2 import StoragePlugin
 
-from fopid_core.cli.main import main
 from fopid_core.design.tuner import Bound, TuningRequest, tune
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
@@ -24,6 +22,7 @@ from fopid_core.study.experiments.profiles import Bag, Ramp, Steps
 from fopid_core.study.experiments.simulate import replayed, simulate_experiment
 from fopid_core.study.experiments.tune_call import TuneCall
 
+from ...cli.runner import invoke
 from ..recording import Recording, record_loop
 
 TOUR = Path(__file__).parents[4] / "config" / "experiments" / "tour.yaml"
@@ -138,7 +137,7 @@ def test_a_bags_setpoint_and_disturbance_stand_in_for_profiles(bag: Path) -> Non
 def test_the_verb_writes_the_same_numbers_as_json_and_csv(tmp_path: Path) -> None:
     file = tmp_path / "e.yaml"
     file.write_text(EXPERIMENT.to_yaml())
-    ended = CliRunner().invoke(main, ["simulate", str(file), "--json", "--out", str(tmp_path / "out")])
+    ended = invoke(["simulate", str(file), "--json", "--out", str(tmp_path / "out")])
     assert ended.exit_code == 0, ended.output
     data = json.loads(ended.stdout)
     expected = by_hand()
@@ -157,14 +156,14 @@ def test_the_verb_writes_the_same_numbers_as_json_and_csv(tmp_path: Path) -> Non
 def test_the_verb_names_the_line_of_what_it_cannot_read(tmp_path: Path, text: str, named: str) -> None:
     file = tmp_path / "e.yaml"
     file.write_text(text)
-    ended = CliRunner().invoke(main, ["simulate", str(file)])
+    ended = invoke(["simulate", str(file)])
     assert ended.exit_code == 2
     assert named in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
 
 
 def test_the_verb_needs_something_to_run() -> None:
-    ended = CliRunner().invoke(main, ["simulate"])
+    ended = invoke(["simulate"])
     assert ended.exit_code == 2
     assert "FILE is missing" in ended.stderr
 

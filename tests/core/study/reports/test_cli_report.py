@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 from rosbags.rosbag2 import Reader, StoragePlugin
 
-from fopid_core.cli.main import main
 from fopid_core.study.bags.bag import read_bag
 
+from ...cli.runner import invoke
 from ..recording import EXPERIMENT, Recording, record_loop
 
 
 def fopid(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+    return invoke([str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import pytest
-from rich.console import Console
 
 from fopid_core.model.fopid import Fopid
 from fopid_core.study.reports.segment_table import COLUMNS, NOTHING, number, segment_table
@@ -37,13 +36,6 @@ TEXTS = [
 ]
 
 
-def shown(table, width: int) -> str:
-    console = Console(width=width)
-    with console.capture() as capture:
-        console.print(table)
-    return capture.get()
-
-
 def test_every_column_has_its_text() -> None:
     assert [column.text(SEGMENT) for column in COLUMNS] == TEXTS
 
@@ -52,8 +44,8 @@ def test_every_column_has_its_text() -> None:
 @pytest.mark.parametrize("width", [40, 80, 120])
 def test_no_number_is_cut_or_left_out(count: int, width: int) -> None:
     rows = [replace(SEGMENT, name=f"step {i}") for i in range(count)]
-    text = shown(segment_table(rows, width), width)
-    assert "…" not in text
+    text = segment_table(rows, width)
+    assert max(map(len, text.splitlines())) <= width
     for value in TEXTS[2:]:
         assert text.count(value) >= count, value
     for column in COLUMNS:

@@ -7,14 +7,13 @@ import json
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from PIL import Image
 
-from fopid_core.cli.main import main
 from fopid_core.study.reproduce import reproduction
 from fopid_core.study.reproduce.claims import Claim
 from fopid_core.study.reproduce.page import Reproduction
 
+from ...cli.runner import invoke
 from .parts import small_reproduction
 
 
@@ -33,7 +32,7 @@ def small(monkeypatch: pytest.MonkeyPatch, found: Reproduction) -> Reproduction:
 @pytest.mark.slow
 def test_all_is_written_and_the_json_holds_it_too(small: Reproduction, tmp_path: Path) -> None:
     out = tmp_path / "new" / "folder"
-    done = CliRunner().invoke(main, ["reproduce", "--out", str(out), "--json"])
+    done = invoke(["reproduce", "--out", str(out), "--json"])
     assert done.exit_code == 0, done.output
     data = json.loads(done.stdout)
     assert set(data) == {"out", "files", "claims", "tables", "errata"}
@@ -53,7 +52,7 @@ def test_people_get_a_table_of_what_was_written(
     small: Reproduction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(reproduction, "write_files", lambda figure, folder: [folder / f"{figure.name}.png"])
-    done = CliRunner().invoke(main, ["reproduce", "--out", str(tmp_path)])
+    done = invoke(["reproduce", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
     for words in ("index.html", "errata.md", "tables/table3.csv", "figures/figure06.png"):
         assert words in done.stdout
@@ -61,7 +60,7 @@ def test_people_get_a_table_of_what_was_written(
 
 def test_a_place_that_cannot_be_written_is_said_before_anything_is_computed(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    done = CliRunner().invoke(main, ["reproduce", "--out", str(tmp_path / "file" / "sub")])
+    done = invoke(["reproduce", "--out", str(tmp_path / "file" / "sub")])
     assert done.exit_code == 2
     (line,) = done.stderr.splitlines()
     assert "cannot be written" in line

@@ -12,6 +12,7 @@ from typing import Any
 import control
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 from scipy.optimize import minimize
 from scipy.special import rgamma
 
@@ -61,7 +62,7 @@ def itae(process: Any, gains: Sequence[float] | Real, horizon: float, points: in
     """Integral of t |1 - y| by the trapezoid rule."""
     t = np.linspace(0.0, horizon, points)
     error = 1.0 - control.step_response(closed_loop(process, gains), t).outputs
-    return float(np.trapezoid(t * np.abs(error), t))
+    return float(trapezoid(t * np.abs(error), t))
 
 
 def tune_itae(

@@ -17,6 +17,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
+from fopid_core.study.legend import legend_outside
 from fopid_core.study.reports.plotly_parts import BLUE, GREEN, RED, VIOLET
 
 QUANTILES = (5, 50, 95)
@@ -62,10 +63,11 @@ def write_figure(results: pa.Table, measures: Sequence[str], title: str, out: Pa
             axes[row, column].set_xlabel(LABELS[measure] if row == len(processes) - 1 else "")
         axes[row, 0].set_ylabel(f"{process}\nshare of variations")
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(
+    legend_outside(
+        figure,
         handles,
         labels,
-        loc="outside upper center",
+        above=True,
         ncols=min(len(designs), 4),
         frameon=False,
         title=f"{title} (dots: the process as it is)",

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
 from fopid_core.design.control_peak import first_control
 from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover
@@ -235,10 +236,10 @@ def _step_measures(
 def _error_measures(time: Floats, error: Floats) -> dict[str, Floats]:
     size, output = np.abs(error), 1.0 - error
     return {
-        "iae": np.trapezoid(size, time),
-        "ise": np.trapezoid(size**2, time),
-        "itae": np.trapezoid(time * size, time),
-        "itse": np.trapezoid(time * size**2, time),
+        "iae": trapezoid(size, time),
+        "ise": trapezoid(size**2, time),
+        "itae": trapezoid(time * size, time),
+        "itse": trapezoid(time * size**2, time),
         "overshoot_pct": 100.0 * np.maximum(output.max(axis=1) - 1.0, 0.0),
         "rise_time": np.array([rise_time(time, row) for row in output]),
         "settling_time": np.array([settling_time(time, row) for row in output]),

@@ -291,6 +291,7 @@ def plain(value: Any) -> Any:
     Examples
     --------
     >>> from fopid_core.study.experiments.profiles import Ramp
+    >>> from fopid_core.study.experiments.yaml_schema import plain
     >>> plain({"setpoint": Ramp(to=2.0, over=5.0), "tune": None})
     {'setpoint': {'ramp': {'to': 2.0, 'over': 5.0}}}
     """

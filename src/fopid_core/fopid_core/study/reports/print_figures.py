@@ -12,6 +12,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import Circle
 from matplotlib.ticker import MultipleLocator
 
+from fopid_core.study.legend import legend_outside
 from fopid_core.study.reports.plotly_parts import Figure
 
 COLUMN, PAGE = (3.5, 2.8), (7.16, 4.4)
@@ -165,4 +166,4 @@ def _note(axes: Mapping[str, Axes], text: Figure, *, log: bool) -> None:
 
 def _legend(canvas: Canvas, axes: list[Axes]) -> None:
     found = {text: line for one in axes for line, text in zip(*one.get_legend_handles_labels(), strict=True)}
-    canvas.legend(found.values(), found.keys(), loc="outside lower center", ncols=min(5, len(found)))
+    legend_outside(canvas, found.values(), found.keys(), ncols=min(5, len(found)))

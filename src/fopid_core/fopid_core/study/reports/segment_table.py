@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-
-from rich import box
-from rich.console import Console, Group
-from rich.table import Table
 
 from fopid_core.study.reports.segments import Segment
 
@@ -82,38 +79,34 @@ COLUMNS = (
 )
 """Rise from 10 to 90 %, settling to 2 % of the step of the setpoint."""
 
-_LABELS, _CELLS = 18, 12  # characters for the names of the quantities, and for each segment
+_LABELS, _GAP = 17, 2  # characters for the names of the quantities, and before each segment
 
 
 def _percent(value: float) -> str:
     return NOTHING if math.isnan(value) else f"{value:.1f}"
 
 
-def segment_table(found: Sequence[Segment], width: int = 120) -> Group:
+def segment_table(found: Sequence[Segment], width: int = 120) -> str:
     """For a terminal: a column per segment, in as many tables below each other as ``width`` asks for.
 
     Examples
     --------
-    >>> len(segment_table([], width=80).renderables)
-    0
+    >>> segment_table([], width=80)
+    ''
     """
-    fitting = max(1, (width - _LABELS) // _CELLS)
-    return Group(*(_table(found[i : i + fitting]) for i in range(0, len(found), fitting)))
+    cell = max((len(column.text(segment)) for column in COLUMNS for segment in found), default=0) + _GAP
+    fitting = max(1, (width - _LABELS) // cell)
+    return "\n".join(_table(found[i : i + fitting], cell) for i in range(0, len(found), fitting))
 
 
 def print_segments(found: Sequence[Segment]) -> None:
     """Write the table to stdout, as wide as the terminal."""
-    console = Console()
-    console.print(segment_table(found, console.width))
+    print(segment_table(found, shutil.get_terminal_size().columns))
 
 
-def _table(found: Sequence[Segment]) -> Table:
-    name, *quantities = COLUMNS
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False)
-    table.add_column(name.heading, no_wrap=True)
-    for segment in found:
-        table.add_column(name.text(segment), justify="right", min_width=_CELLS - 2)
-    for column in quantities:
-        heading = f"{column.heading} \\[{column.unit}]" if column.unit else column.heading
-        table.add_row(heading, *(column.text(segment) for segment in found))
-    return table
+def _table(found: Sequence[Segment], cell: int) -> str:
+    rows = [[f"{column.heading} [{column.unit}]" if column.unit else column.heading,
+             *(column.text(segment) for segment in found)] for column in COLUMNS]  # fmt: skip
+    lines = [row[0].ljust(_LABELS) + "".join(text.rjust(cell) for text in row[1:]) for row in rows]
+    lines.insert(1, "─" * len(lines[0]))
+    return "\n".join(lines) + "\n"

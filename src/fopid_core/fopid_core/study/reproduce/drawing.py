@@ -13,6 +13,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 
 from fopid_core.model.arrays import Floats
+from fopid_core.study.legend import legend_outside
 from fopid_core.study.reports.plotly_parts import (
     BLUE,
     GREEN,
@@ -172,7 +173,7 @@ def write_files(figure: PaperFigure, folder: Path) -> tuple[Path, Path]:
     entries: dict[str, Line2D] = {}
     for axes, panel in zip(canvas.subplots(rows, 2, squeeze=False).flat, figure.panels, strict=True):
         entries |= _draw(axes, panel)
-    canvas.legend(entries.values(), entries, loc="outside lower center", ncols=8, frameon=False, fontsize=8)
+    legend_outside(canvas, entries.values(), entries, ncols=8, frameon=False, fontsize=8)
     canvas.draw_without_rendering()
     canvas.set_layout_engine("none")  # what it laid out holds for both files
     files = folder / f"{figure.name}.png", folder / f"{figure.name}.svg"

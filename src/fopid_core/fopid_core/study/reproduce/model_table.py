@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 from fopid_core.design.reduction import ReducedModel, reduce
 from fopid_core.model.process import Process, read_process
@@ -45,7 +46,7 @@ def h2_error(process: Process, model: Process) -> float:
     """
     w = np.exp(_LOG_W)
     squared = np.abs(process(1j * w) - model(1j * w)) ** 2 * w
-    return math.sqrt(float(np.trapezoid(squared, _LOG_W)) / math.pi)
+    return math.sqrt(float(trapezoid(squared, _LOG_W)) / math.pi)
 
 
 def h2_error_of(printed: PrintedModel) -> float:
