@@ -98,7 +98,8 @@ def test_the_verb_does_its_work_and_says_nothing_on_stderr(folder: Path, line: s
 @pytest.mark.parametrize(
     ("line", "gains", "cost"),
     [
-        ("tune frequency P1 --crossover 0.3 --phase-margin 80", (0.17081, 0.457639, 1.157785, 0.894727, 0.590625), 1.162505),
+        ("tune frequency P1 --crossover 0.3 --phase-margin 80",
+         (0.17081, 0.45764, 1.15778, 0.89473, 0.59062), 1.162505),
         ("tune time P2 --index itae --ms-max 1.6", (0.918609, 1.334670, 0.142590, 0.999786, 1.072233), 0.730657),
         ("tune time 2/(s+1)^3*exp(-0.2s) --index iae", (0.38857, 0.36074, 0.73715, 0.97535, 0.53108), 1.910062),
     ],
