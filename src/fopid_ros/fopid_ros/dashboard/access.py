@@ -80,10 +80,19 @@ class Access:
         return name == "localhost" or name in self.names or _is_address(name)
 
     def knows_origin(self, origin: str | None, host: str) -> bool:
-        """Whether a request comes from our own page, or from no page at all."""
+        """Whether a request comes from our own page, or from no page at all.
+
+        Raises
+        ------
+        InputError
+            For what is no origin.
+        """
         if origin is None:
             return True
-        parts = urlsplit(origin)
+        try:
+            parts = urlsplit(origin)
+        except ValueError:
+            raise InputError(f"origin = {origin!r}; allowed: http://HOST:PORT") from None
         return parts.scheme in ("http", "https") and parts.netloc == host
 
     def allows_change(self, authorization: str) -> bool:

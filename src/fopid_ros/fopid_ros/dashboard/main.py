@@ -24,12 +24,14 @@ from tornado.netutil import bind_sockets
 from fopid_core.errors import InputError
 from fopid_ros.common.managed_node import check_domain
 from fopid_ros.dashboard.access import Access, chosen_token
+from fopid_ros.dashboard.live import PERIOD, close_browsers
 from fopid_ros.dashboard.node import SPECS, DashboardNode
-from fopid_ros.dashboard.web import LARGEST_REQUEST, PERIOD, application, close_browsers
+from fopid_ros.dashboard.web import LARGEST_REQUEST, application
 
 TOKEN_VARIABLE = "FOPID_DASHBOARD_TOKEN"
 DEFAULT_PORT = 8077
 SLICE = 0.01  # [s] between two looks at what ROS has brought
+IDLE_TIME = 30.0  # [s] for which a connection may be silent between requests, and within one
 EVERYWHERE = ("", "0.0.0.0", "::")
 
 
@@ -117,7 +119,9 @@ def _serve_node(host: str, port: int, given: str | None, ros_arguments: list[str
     rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
     node = DashboardNode()
     names = frozenset({host.lower(), socket.gethostname().lower()})
-    server = HTTPServer(application(node, Access(token, names)), max_body_size=LARGEST_REQUEST)
+    server = HTTPServer(application(node, Access(token, names)), max_body_size=LARGEST_REQUEST,
+                        max_header_size=LARGEST_REQUEST, idle_connection_timeout=IDLE_TIME,
+                        body_timeout=IDLE_TIME)  # fmt: skip
     print(f"dashboard  {page_address(host, sockets[0].getsockname()[1], None if given else token)}", flush=True)
     if given:
         print(f"add #token= and what {TOKEN_VARIABLE} holds to change anything", flush=True)

@@ -16,8 +16,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from fopid_core.errors import InputError
+from fopid_core.runtime.settings import LARGEST, LOWEST
 from fopid_msgs.msg import FopidState, TuningResult
 from fopid_msgs.srv import Tune
+from fopid_ros.common.inputs import is_number
 from fopid_ros.common.managed_node import latched_qos
 from fopid_ros.common.parameters import Spec, declare
 from fopid_ros.common.signals import SignalType, signal_specs
@@ -39,6 +41,7 @@ SPECS = (
 
 KEPT_ROWS = 12_000  # two minutes at 100 Hz
 MOST_MARKS = 50
+LONGEST_SHOWN = 80  # characters of what was sent, in a message about it
 LOOK_PERIOD = 0.5  # [s] between two looks at who is there
 MEETING_TIME = 1.0  # [s] a new publisher waits this long for somebody who listens
 TUNING_TIME = 600.0  # [s] how long a tuning may take; the tuner has its own, shorter limit
@@ -103,7 +106,11 @@ class DashboardNode(Node):
         )
         if instant == 0.0:  # a new record: the marks are of the one before
             self._marks.clear()
-        self._facts = {"saturated": state.saturated, "overruns": state.overruns, "interval": state.sample_interval}
+        self._facts = {
+            "saturated": state.saturated,
+            "overruns": state.overruns,
+            "interval": _plain(state.sample_interval),
+        }
         gains = [state.kp, state.ki, state.kd, state.lam, state.mu]
         if gains != self._gains_in_use:
             if self._gains_in_use is not None:
@@ -146,8 +153,8 @@ class DashboardNode(Node):
         self._result = {
             "stamp": result.header.stamp.sec + result.header.stamp.nanosec * 1e-9,
             "method": result.method, "process": result.process, "message": result.message, "unmet": list(result.unmet),
-            "success": result.success, "applied": result.applied, "elapsed": result.elapsed,
-            "gains": {name: getattr(result.gains, name) for name in GAINS}, "stable": achieved.stable,
+            "success": result.success, "applied": result.applied, "elapsed": _plain(result.elapsed),
+            "gains": {name: _plain(getattr(result.gains, name)) for name in GAINS}, "stable": achieved.stable,
             "achieved": {name: _plain(getattr(achieved, name)) for name in measures},
         }  # fmt: skip
 
@@ -192,9 +199,9 @@ class DashboardNode(Node):
         """
         unknown = set(values) - {*GAINS, "mode"}
         if unknown or not values:
-            raise InputError(f"parameters = {sorted(values)}; allowed: {', '.join(GAINS)}, mode")
+            raise InputError(f"parameters = {_shown(sorted(values))}; allowed: {', '.join(GAINS)}, mode")
         numbers = {name: _number(name, value) for name, value in values.items() if name != "mode"}
-        await self.controller.set({**numbers, **({"mode": str(values["mode"])} if "mode" in values else {})})
+        await self.controller.set({**numbers, **({"mode": _text("mode", values["mode"])} if "mode" in values else {})})
         return ", ".join(f"{name} = {value:.6g}" for name, value in numbers.items()) or f"mode = {values['mode']}"
 
     async def roll_back(self) -> str:
@@ -245,10 +252,10 @@ class DashboardNode(Node):
             For another signal, and for what is not a number that its message can hold.
         """
         if name not in PUBLISHED:
-            raise InputError(f"signal = {name!r}; allowed: {', '.join(PUBLISHED)}")
+            raise InputError(f"signal = {_shown(name)}; allowed: {', '.join(PUBLISHED)}")
         number, kind = _number(name, value), self._kinds[name]
         if not kind.low <= number <= kind.high:
-            raise InputError(f"{name} = {value}; allowed: {kind.low:g} to {kind.high:g}")
+            raise InputError(f"{name} = {_shown(value)}; allowed: {kind.low:g} to {kind.high:g}")
         speaker = await self._publisher_of(name)
         speaker.publish(kind.writer()(number, self.get_clock().now().nanoseconds))
         return f"{name} = {number:.6g}"
@@ -264,9 +271,22 @@ class DashboardNode(Node):
 
 
 def _number(name: str, value: Any) -> float:
-    if type(value) not in (int, float) or not math.isfinite(value):
-        raise InputError(f"{name} = {value!r}; allowed: a number")
+    if type(value) not in (int, float) or not is_number(value):
+        raise InputError(f"{name} = {_shown(value)}; allowed: a number, {LOWEST:g} to {LARGEST:g}")
     return float(value)
+
+
+def _text(name: str, value: Any) -> str:
+    """A text that a message can hold."""
+    if not isinstance(value, str) or not value.isprintable():
+        raise InputError(f"{name} = {_shown(value)}; allowed: a text of printable characters")
+    return value
+
+
+def _shown(value: Any) -> str:
+    """A value in a message, cut to a length that can be read."""
+    text = repr(value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}... ({len(text)} characters)"
 
 
 def tuning_request(fields: Mapping[str, Any]) -> Tune.Request:
@@ -285,12 +305,14 @@ def tuning_request(fields: Mapping[str, Any]) -> Tune.Request:
     request = Tune.Request()
     for name, value in fields.items():
         if name not in TUNING_FIELDS:
-            raise InputError(f"field = {name!r}; allowed: {', '.join(TUNING_FIELDS)}")
+            raise InputError(f"field = {_shown(name)}; allowed: {', '.join(TUNING_FIELDS)}")
         wanted = type(getattr(request, name))
         if wanted is float:
             setattr(request, name, _number(name, value))
+        elif wanted is str:
+            setattr(request, name, _text(name, value))
         elif type(value) is wanted:
             setattr(request, name, value)
         else:
-            raise InputError(f"{name} = {value!r}; allowed: {'true or false' if wanted is bool else 'a text'}")
+            raise InputError(f"{name} = {_shown(value)}; allowed: true or false")
     return request

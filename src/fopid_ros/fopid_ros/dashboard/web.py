@@ -6,67 +6,34 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-import math
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from tornado.httputil import HTTPServerRequest
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
-from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from fopid_core.errors import InputError
 from fopid_ros.dashboard.access import Access
-from fopid_ros.dashboard.history import Cursor, Row
+from fopid_ros.dashboard.guarded import Guarded
+from fopid_ros.dashboard.live import PING_PERIOD, LiveHandler
 from fopid_ros.dashboard.node import DashboardNode
 from fopid_ros.dashboard.remote_parameters import RefusedError
 
-PERIOD = 0.05
-"""Time between two messages to a browser [s]."""
-
 LARGEST_REQUEST = 20_000  # bytes
-
-HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
-    "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-    "Cache-Control": "no-cache",
-}
 
 Change = Callable[[Mapping[str, Any]], Awaitable[str]]
 
 
-class Guarded(RequestHandler):
-    """Lets in only requests to this server by one of its own names, and from no other page than its own."""
-
-    @property
-    def access(self) -> Access:
-        """The rules."""
-        rules: Access = self.settings["access"]
-        return rules
-
-    def set_default_headers(self) -> None:
-        for name, value in HEADERS.items():
-            self.set_header(name, value)
-
-    def prepare(self) -> None:
-        host = self.request.headers.get("Host", "")
-        if not self.access.knows_host(host):
-            raise HTTPError(403, reason="Unknown Host")
-        if not self.access.knows_origin(self.request.headers.get("Origin"), host):
-            raise HTTPError(403, reason="Foreign Origin")
-
-    def write_error(self, status_code: int, **kwargs: Any) -> None:
-        self.finish({"message": self._reason})
-
-
 class FileHandler(Guarded, StaticFileHandler):
     """A file of the page."""
+
+    async def get(self, path: str, include_body: bool = True) -> None:
+        if not path.isprintable():
+            raise HTTPError(400, reason="Bad Path")
+        await super().get(path, include_body)
 
 
 class ChangeHandler(Guarded):
@@ -98,58 +65,11 @@ class ChangeHandler(Guarded):
 def _object(body: bytes) -> Mapping[str, Any]:
     try:
         value = json.loads(body or b"{}")
-    except ValueError:
+    except (ValueError, RecursionError):
         value = None
     if not isinstance(value, dict):
         raise InputError("the request's body; allowed: a JSON object")
     return value
-
-
-class LiveHandler(Guarded, WebSocketHandler):
-    """Tells one browser what happens.
-
-    Each message goes out after the one before has: a slow browser gets fewer and larger ones, and nobody waits for it.
-    """
-
-    open_now: ClassVar[set[LiveHandler]] = set()
-    _feeding: asyncio.Task[None] | None = None
-
-    def open(self, *args: str, **kwargs: str) -> None:
-        self.set_nodelay(True)
-        self.open_now.add(self)
-        self._feeding = asyncio.create_task(self._feed())
-
-    def on_close(self) -> None:
-        self.open_now.discard(self)
-        if self._feeding is not None:
-            self._feeding.cancel()
-
-    def on_message(self, message: str | bytes) -> None:
-        """What a browser sends here is not looked at."""
-
-    async def _feed(self) -> None:
-        node: DashboardNode = self.settings["node"]
-        place, told = Cursor(), None
-        while True:
-            rows, now = node.history.since(place)
-            message: dict[str, Any] = {"rows": _plain(rows), "fresh": now.record != place.record}
-            place = now
-            status = node.status()
-            if status != told:
-                message["status"] = told = status
-            if rows:
-                message["facts"] = node.facts()
-            if rows or "status" in message:
-                try:
-                    await self.write_message(json.dumps(message, separators=(",", ":")))
-                except WebSocketClosedError:
-                    return
-            await asyncio.sleep(PERIOD)
-
-
-def _plain(rows: Iterable[Row]) -> list[list[float | None]]:
-    """Rows for JSON: six digits of a signal, time to 0.1 ms, nothing where there is no number."""
-    return [[round(row[0], 4), *(float(f"{x:.6g}") if math.isfinite(x) else None for x in row[1:])] for row in rows]
 
 
 def application(node: DashboardNode, access: Access) -> Application:
@@ -189,12 +109,7 @@ def application(node: DashboardNode, access: Access) -> Application:
         node=node,
         changes=changes,
         log_function=log,
-        websocket_ping_interval=10,
+        websocket_ping_interval=PING_PERIOD,
+        websocket_ping_timeout=PING_PERIOD,
         websocket_max_message_size=LARGEST_REQUEST,
     )
-
-
-def close_browsers() -> None:
-    """Tell all browsers that the server goes."""
-    for handler in list(LiveHandler.open_now):
-        handler.close(1001, "the dashboard ends")

@@ -94,7 +94,7 @@ function showNow({ facts }) {
   });
   if (!facts) return;
   at("now-saturated").textContent = facts.saturated ? "yes" : "no";
-  at("now-interval").textContent = `${plots.digits(facts.interval * 1000)} ms`;
+  at("now-interval").textContent = facts.interval === null ? "–" : `${plots.digits(facts.interval * 1000)} ms`;
   at("now-overruns").textContent = facts.overruns.toLocaleString("en");
 }
 
