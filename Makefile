@@ -64,10 +64,11 @@ bench: venv ## Measure the performance figures, each beside its baseline
 	@"$(BIN)/fopid_ros_benchmark" $(ARGS)
 
 .PHONY: lint
-lint: venv ## Check format, style and types
+lint: venv ## Check format, style, types and who imports whom
 	@"$(BIN)/ruff" format --check
 	@"$(BIN)/ruff" check
 	@"$(BIN)/mypy"
+	@"$(BIN)/lint-imports" --no-cache
 
 .PHONY: format
 format: venv ## Format the sources and mend what can be mended
