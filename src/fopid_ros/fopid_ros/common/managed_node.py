@@ -37,6 +37,7 @@ from fopid_ros.common.parameters import (
     widen_sliders,
     without_idle,
 )
+from fopid_ros.common.shared_memory import remove_abandoned_segments
 from fopid_ros.common.spinning import StopSignal, check_domain, log_warnings, spin_until
 
 DIAGNOSTICS_PERIOD = 1.0
@@ -312,6 +313,7 @@ def run(node_class: type[ManagedNode], args: Sequence[str] | None = None) -> int
     stop = StopSignal()
     try:
         check_domain()
+        remove_abandoned_segments()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = node_class()
     except (InputError, InvalidNodeNameException, InvalidNamespaceException, RCLError) as error:

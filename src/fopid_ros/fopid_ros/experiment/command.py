@@ -25,6 +25,7 @@ from fopid_core.study.experiments.experiment import Experiment, read_experiment,
 from fopid_core.study.reports.completeness import EVERY_SAMPLE
 from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
 from fopid_ros.common.managed_node import check_domain, latched_qos
+from fopid_ros.common.shared_memory import remove_abandoned_segments
 from fopid_ros.experiment.node import ExperimentNode, StopRequestedError, ask_for_prompt_acknowledgements
 from fopid_ros.experiment.recorder import Recorder
 from fopid_ros.experiment.with_nodes import interruptible, run_with_nodes
@@ -161,6 +162,7 @@ def main(args: Sequence[str] | None = None) -> int:
         if options.start_nodes:
             return _with_nodes(experiment, options, _ros_options(given))
         check_domain()
+        remove_abandoned_segments()
         ask_for_prompt_acknowledgements()
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except (InputError, RCLError) as error:
