@@ -16,7 +16,11 @@ from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
     from fopid_core.design.certificate.enclosure import Bounds
+    from fopid_core.design.certificate.family import Family
     from fopid_core.design.certificate.prover import Certification
+
+_MOST_PIECES = 100_000_000  # in a box, where the time ends the work
+_OPEN_SHARE = 0.04
 
 
 @click.command("certify", context_settings=ARGUMENTS)
@@ -60,21 +64,46 @@ def _certify(process: str, gains: str, out: Path | None, as_json: bool, options:
         raise InputError(f"effort = {options['effort']}; allowed: above 0 s")
     if not 53 <= options["precision"] <= 4096:
         raise InputError(f"precision = {options['precision']}; allowed: 53 to 4096 bits")
-    effort = Effort(seconds=options["effort"])
-    found = certify(_family(process), read_gains(gains), _bounds(options), effort, options["precision"])
+    family = _family(process, options["box"])
+    effort = Effort(_MOST_PIECES if family.names else Effort.attempts, options["effort"], _OPEN_SHARE)
+    found = certify(family, read_gains(gains), _bounds(options), effort, options["precision"])
     if out is not None and found.document is not None:
         out.write_text(found.document + "\n", encoding="utf-8")
-    rows = certificate_rows(found) | {"certificate": str(out) if out and found.document else None}
+    rows = (
+        certificate_rows(found)
+        | (_shares(found, family.names) if family.names else {})
+        | {"certificate": str(out) if out and found.document else None}
+    )
     claims = {name: value for name, value in rows.pop("claims").items() if value is not None}
     emit(rows | {"claims": claims}, [("Certificate", rows), ("Claims", claims)], as_json)
     return found.certified is True
 
 
-def _family(process: str) -> Any:
+def _family(process: str, box: tuple[str, ...]) -> Family:
     from fopid_core.design.certificate.family import Family
+    from fopid_core.design.certificate.family_text import read_family
     from fopid_core.model.process import read_process
 
-    return Family.of(read_process(process))
+    if not box:
+        return Family.of(read_process(process))
+    sides: dict[str, tuple[float, float]] = {}
+    for text in box:
+        name, equals, ends = text.partition("=")
+        low, comma, high = ends.partition(",")
+        try:
+            side = (float(low), float(high))
+        except ValueError:
+            side = (math.nan, math.nan)
+        if not (equals and comma) or math.isnan(side[0] + side[1]) or name.strip() in sides:
+            raise InputError(f"box {text!r}; allowed: NAME=LOW,HIGH, each name once")
+        sides[name.strip()] = side
+    return read_family(process, sides)
+
+
+def _shares(found: Certification, names: tuple[str, ...]) -> dict[str, Any]:
+    """How much of a box is proved, and where it fails."""
+    point = None if found.counterexample is None else dict(zip(names, found.counterexample, strict=True))
+    return {"certified_share": found.certified_share, "failed_share": found.failed_share, "counterexample": point}
 
 
 def _bounds(options: dict[str, Any]) -> Bounds:

@@ -94,9 +94,10 @@ def random_loop(rng: np.random.Generator) -> tuple[Process, Fopid]:
         f"s{lags}",
         f"(s-{10.0 ** rng.uniform(-2, 0):.3g}){lags}",
     )
-    zero = rng.choice(["1", f"({rng.uniform(-1, 1):.3g}s+1)"])
+    kind = kinds[rng.integers(len(kinds))]
+    zero = rng.choice(["1", f"({rng.uniform(-1, 1):.3g}s+1)"]) if kind != kinds[2] else "1"
     delay = rng.choice(["", f"*exp(-{10.0 ** rng.uniform(-2, 0.5):.3g}s)"])
-    process = read_process(f"{zero}/({kinds[rng.integers(len(kinds))]}){delay}")
+    process = read_process(f"{zero}/({kind}){delay}")
     kp, ki, kd = 10.0 ** rng.uniform(-1.5, 1.2, 3) * rng.choice([1.0, 1.0, 1.0, 0.0], 3)
     return process, Fopid(kp, ki, kd, rng.uniform(0.2, 1.6), rng.uniform(0.2, 1.6))
 

@@ -164,13 +164,16 @@ class _Proof:
         around = {i: _values(over.balls[i], self.size, wc.log(), t, nu) for i in used}
         g = [a + b for a, b in zip(around[0], around[1], strict=True)]
         ahead, radii = f[0].mid().conjugate(), [t.abs_upper(), *over.radii]
-        away = _positive((ahead * f[0]).real, [(ahead * slope).real for slope in g[1:]], radii)
+        away = _positive((ahead * f[0]).real, [(ahead * slope).real for slope in g[1:]], radii, (ahead * g[0]).real)
         _require(away, f"{low!r} to {high!r} rad/s: 1 + L may vanish")
         for i, bound in bounds:
-            x, a, middle = arb(bound) ** 2, around[i], arb(bound) ** 2 * _square(f[0]) - _square(centre[i][0])
-            pairs = zip(g[1:], a[1:], strict=True)
+            x, a, pairs = arb(bound) ** 2, around[i], zip(g[1:], around[i][1:], strict=True)
             slopes = [2 * (x * (g[0].conjugate() * df) - a[0].conjugate() * da).real for df, da in pairs]
-            _require(_positive(middle, slopes, radii), f"{low!r} to {high!r} rad/s: a bound may be broken")
+            middle, all_over = (
+                x * _square(f[0]) - _square(centre[i][0]),
+                arb(bound) * g[0].abs_lower() - a[0].abs_upper(),
+            )
+            _require(_positive(middle, slopes, radii, all_over), f"{low!r} to {high!r} rad/s: a bound may be broken")
         return ahead.conjugate()
 
     def _at_origin(self, _low: float, high: float, over: _Cell, bounds: list[tuple[int, fmpq]]) -> acb:
@@ -186,7 +189,9 @@ class _Proof:
                 values[i] += b.coefficient * power * turn
         f = values[0] + values[1]
         _require(bool(f.real > 0 or f.real < 0), "1 + L may vanish near 0 rad/s")
-        _require(all(arb(x) * abs(f) > abs(values[i]) for i, x in bounds), "a bound may be broken near 0 rad/s")
+        _require(
+            all(arb(x) * f.abs_lower() > values[i].abs_upper() for i, x in bounds), "a bound may be broken near 0 rad/s"
+        )
         return acb(1) if f.real > 0 else acb(-1)
 
     def _tail(self, low: float, _high: float, over: _Cell, bounds: list[tuple[int, fmpq]]) -> acb:
@@ -197,14 +202,14 @@ class _Proof:
         _require(bool(abs(top.coefficient) > 0), "the leading coefficient may vanish")
 
         def share(terms: list[_Term]) -> arb:
-            total = arb(0)
-            for term in terms:
+            total = sum(term == lead for term in terms) * top.coefficient.abs_lower()
+            for term in (term for term in terms if term != lead):
                 gap = _linear(tuple(a - b for a, b in zip(lead.order, term.order, strict=True)), over.sides)
                 _require(bool(gap >= 0), "another order may be the highest")
                 total += _over(term, over.sides).coefficient.abs_upper() * (-gap * log_w).exp()
             return (total / top.coefficient.abs_lower()).abs_upper()
 
-        rest = share([term for term in self.merged if term is not lead])
+        rest = share(self.merged) - 1
         _require(bool(rest < 1), f"from {low!r} rad/s on: 1 + L may vanish")
         held = all(share(self.functions[i]) < arb(x) * (1 - rest) for i, x in bounds)
         _require(held, f"from {low!r} rad/s on: a bound may be broken")
@@ -291,9 +296,9 @@ def _values(balls: list[_Ball], size: int, log_wc: arb, t: arb, nu: arb) -> list
 
 
 def _square(value: acb) -> arb:
-    return (value * value.conjugate()).real
+    return value.real**2 + value.imag**2
 
 
-def _positive(middle: arb, slopes: list[arb], radii: list[arb]) -> bool:
-    """Whether a function is positive on a box, from its value in the middle and its slopes all over."""
-    return bool(middle > sum((abs(slope) * radius for slope, radius in zip(slopes, radii, strict=True)), start=arb(0)))
+def _positive(middle: arb, slopes: list[arb], radii: list[arb], all_over: arb) -> bool:
+    """Whether a function is positive on a box: from its middle by its slopes, or all over at once."""
+    return bool(middle > sum((abs(a) * r for a, r in zip(slopes, radii, strict=True)), start=arb(0)) or all_over > 0)

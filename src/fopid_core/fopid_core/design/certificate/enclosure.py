@@ -74,10 +74,11 @@ class Attempt:
 
 @dataclass(frozen=True)
 class _Test:
-    """A function that must be positive: its value in the middle, its slopes all over a piece."""
+    """A function that must be positive: its value in the middle, its value and slopes all over a piece."""
 
     which: int | None
     middle: arb
+    everywhere: arb
     slopes: list[arb]
 
 
@@ -151,14 +152,16 @@ class CellEnclosure:
         direction = f[0].mid()
         wide = {i: self._sum(i, self._wide, log_centre, step, growth) for i in used}
         g = [a + b for a, b in zip(wide[0], wide[1], strict=True)]
-        tests = [_Test(None, (direction.conjugate() * f[0]).real, [(direction.conjugate() * df).real for df in g[1:]])]
+        turned = [(direction.conjugate() * value).real for value in g]
+        tests = [_Test(None, (direction.conjugate() * f[0]).real, turned[0], turned[1:])]
         for which, bound in wanted:
             square, own = bound**2, wide[which]
             slopes = [
                 2 * (square * (g[0].conjugate() * g[i]).real - (own[0].conjugate() * own[i]).real)
                 for i in range(1, len(g))
             ]
-            tests.append(_Test(which, square * _squared(f[0]) - _squared(thin[which][0]), slopes))
+            middle = square * _squared(f[0]) - _squared(thin[which][0])
+            tests.append(_Test(which, middle, bound * g[0].abs_lower() - own[0].abs_upper(), slopes))
         return _judged(_unit(direction), tests, [step.abs_upper(), *self.halves])
 
     def _sum(self, which: int, slices: list[list[_Slice]], log_centre: arb, step: arb, growth: arb) -> list[acb]:
@@ -201,7 +204,7 @@ class CellEnclosure:
                 total += size * acb(0, part.order * self.loop.quarter - part.delay * end * up_to_end).exp()
             sums.append(total)
         f = sums[0] + sums[1]
-        held = all(bound**2 * _squared(f) > _squared(sums[which]) for which, bound in self.loop.bounds.wanted(0.0))
+        held = all(bound * f.abs_lower() > sums[which].abs_upper() for which, bound in self.loop.bounds.wanted(0.0))
         direction = 1.0 if f.real > 0 else -1.0 if f.real < 0 else 0.0
         return Attempt(complex(direction), held and direction != 0.0)
 
@@ -235,8 +238,10 @@ class CellEnclosure:
     def _share(self, terms: Sequence[FamilyTerm], lead: FamilyTerm, size: arb, low: float) -> arb | None:
         """A bound on the sum of terms over the leading one, from a frequency on; None when there is none."""
         log_w = ball(decimal(low)).log()
-        total = arb(0)
+        total = arb(terms.count(lead))
         for term in terms:
+            if term == lead:
+                continue
             gap = _range(tuple(a - b for a, b in zip(lead.order, term.order, strict=True)), self.sides)
             if not gap >= 0:
                 return None
@@ -249,7 +254,7 @@ def _judged(direction: complex, tests: list[_Test], reach: list[arb]) -> Attempt
     worst, drifts = 0.0, (0.0,) * len(reach)
     for test in tests:
         spoilt = [slope.abs_upper() * r for slope, r in zip(test.slopes, reach, strict=True)]
-        if test.middle > _SPARE * sum(spoilt, start=arb(0)):
+        if test.middle > _SPARE * sum(spoilt, start=arb(0)) or test.everywhere > 0:
             continue
         shares = tuple(float((part / test.middle).abs_upper()) for part in spoilt)
         if test.middle < 0 and test.which is not None:
@@ -302,4 +307,4 @@ def _collected(terms: Sequence[FamilyTerm]) -> list[FamilyTerm]:
 
 
 def _squared(value: acb) -> arb:
-    return value.real * value.real + value.imag * value.imag
+    return value.real**2 + value.imag**2

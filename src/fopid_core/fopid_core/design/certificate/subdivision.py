@@ -19,7 +19,9 @@ from fopid_core.design.certificate.family import BALL
 CLOSED, SPLIT, OPEN, OUTSIDE, FAILED = "closed", "split", "open", "outside", "failed"
 _FIRST_RATIO = math.exp(1.5)
 _NARROWEST = 1e-12  # of a piece: its ends differ by this share
-_DECADES = 120
+_LADDER = (*(1.5**k for k in range(20)), *(10.0**k for k in range(4, 20)), *(10.0**k for k in range(20, 301, 10)))
+_LOWEST_LOOK, _HIGHEST_LOOK = 1e-3, 1e3  # [rad/s], where an end of the axis cannot be proved for a whole cell
+_MOST_VOTES = 10.0
 _FLAT_ANGLE = 3.14
 
 
@@ -107,7 +109,7 @@ class Effort:
         Pieces looked at.
     seconds : float
     open_share : float
-        Of what did not fail: so much may stay open.
+        Of what did not fail: so much may stay open, once something has failed.
     """
 
     attempts: int = 20_000
@@ -136,7 +138,7 @@ class Subdivider:
         pushed = 0
         while heap and not self._spent():
             left = total - sum(volumes.values())
-            if left <= Fraction(self._effort.open_share) * (left + volumes[CLOSED]):
+            if counterexample and left <= Fraction(self._effort.open_share) * (left + volumes[CLOSED]):
                 break
             _, _, node = heapq.heappop(heap)
             self._work(node)
@@ -160,10 +162,10 @@ class Subdivider:
         return self._attempts >= self._effort.attempts or time.monotonic() >= self._deadline
 
     def _split(self, node: Node, root: Node) -> None:
-        """In two halves, across the parameter that spoils most."""
-        votes = node.votes if any(node.votes) else [0.0] * len(node.cell)
+        """In two halves, across the parameter that spoils most; one that is narrow already gives way to others."""
+        votes = node.votes if any(node.votes) else [1.0] * len(node.cell)
         widths = [float((b - a) / (d - c)) for (a, b), (c, d) in zip(node.cell, root.cell, strict=True)]
-        node.axis = max(range(len(widths)), key=lambda i: (votes[i], widths[i]))
+        node.axis = max(range(len(widths)), key=lambda i: votes[i] * widths[i])
         low, high = node.cell[node.axis]
         halves = ((low, (low + high) / 2), ((low + high) / 2, high))
         cells = [(*node.cell[: node.axis], half, *node.cell[node.axis + 1 :]) for half in halves]
@@ -199,22 +201,13 @@ class Subdivider:
         """The piece at the origin and the one to infinity; what is between them is left to do."""
         first, last = low, high
         if low == 0.0:
-            start = min(high, 1e-2)
-            tries = [start * 10.0**-k for k in _ladder()]
-            first = next((w for w in tries if w > 0.0 and self._closes(over.origin(w), node, 0.0, w)), 0.0)
+            tries = [w for w in (min(high, 1.0) / x for x in _LADDER) if w > 1e-300]
+            first = next((w for w in tries if self._closes(over.origin(w), node, 0.0, w)), 0.0)
         if high == math.inf:
-            start = max(low, 1e2)
-            tries = [start * 10.0**k for k in _ladder()]
-            last = next((w for w in tries if w < 1e250 and self._closes(over.tail(w), node, w, math.inf)), math.inf)
-        if (low == 0.0 and first == 0.0) or (high == math.inf and last == math.inf):
-            return self._without_ends(low, high, first, last, left)
-        return _cut(first, last) if first < last else []
-
-    def _without_ends(
-        self, low: float, high: float, first: float, last: float, left: list[tuple[float, float]]
-    ) -> list[tuple[float, float]]:
-        """The ends that could not be proved stay open."""
-        inner_low, inner_high = first or max(low, min(1e-3, high / 10.0)), min(last, max(1e3, low * 10.0))
+            tries = [w for w in (max(low, first, 1.0) * x for x in _LADDER) if w < 1e300]
+            last = next((w for w in tries if self._closes(over.tail(w), node, w, math.inf)), math.inf)
+        inner_low = first or min(_LOWEST_LOOK, high)
+        inner_high = last if last < math.inf else max(_HIGHEST_LOOK, low)
         if low == 0.0 and first == 0.0:
             left.append((0.0, inner_low))
         if high == math.inf and last == math.inf:
@@ -236,7 +229,7 @@ class Subdivider:
         if attempt.broken is not None:
             node.broken.append((math.sqrt(low) * math.sqrt(high), attempt.broken))
         for i, drift in enumerate(attempt.drifts[1:]):
-            node.votes[i] += min(drift, 1e6)
+            node.votes[i] += min(drift, _MOST_VOTES)
         by_frequency, *by_parameters = attempt.drifts or (math.inf,)
         middle = _between(low, high)
         hopeless = attempt.broken is not None or middle is None
@@ -256,10 +249,6 @@ class Subdivider:
             return
         node.zeros = round((top - sum(angles)) / math.pi)
         node.state = CLOSED if node.zeros == 0 else FAILED
-
-
-def _ladder() -> list[int]:
-    return [0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, _DECADES]
 
 
 def _nearest(cell: Cell) -> Fraction:
