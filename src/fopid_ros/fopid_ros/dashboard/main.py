@@ -31,8 +31,8 @@ from fopid_ros.dashboard.web import LARGEST_REQUEST, application
 
 TOKEN_VARIABLE = "FOPID_DASHBOARD_TOKEN"
 DEFAULT_PORT = 8077
-SLICE = 0.01  # [s] between two looks at what ROS has brought
 IDLE_TIME = 30.0  # [s] for which a connection may be silent between requests, and within one
+SLICE = 0.02  # [s] between two looks at what ROS has brought
 EVERYWHERE = ("", "0.0.0.0", "::")
 
 
@@ -84,9 +84,9 @@ def page_address(host: str, port: int, token: str | None) -> str:
 
 async def _spin(executor: Executor) -> None:
     """Serve ROS between the requests: all in one thread, so that nothing needs a lock."""
-    never = Future()
     while True:
-        executor.spin_until_future_complete(never, timeout_sec=0.0)
+        # Each look adds a callback to its future: a new one each time, lest the list grows for ever.
+        executor.spin_until_future_complete(Future(), timeout_sec=0.0)
         await asyncio.sleep(SLICE)
 
 

@@ -9,6 +9,8 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -19,6 +21,8 @@ from fopid_core.errors import InputError
 from fopid_core.runtime.settings import LARGEST, LOWEST
 from fopid_msgs.msg import FopidState, TuningResult
 from fopid_msgs.srv import Tune
+from fopid_ros.common.diagnostics import diagnostic_array, diagnostic_status
+from fopid_ros.common.guard import GuardedNode
 from fopid_ros.common.inputs import is_number
 from fopid_ros.common.managed_node import latched_qos
 from fopid_ros.common.parameters import Spec, declare
@@ -57,7 +61,7 @@ def _plain(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-class DashboardNode(Node):
+class DashboardNode(GuardedNode, Node):
     """Listens to setpoint, measurement, control, the controller's ~/state and the tuner's ~/result.
 
     Attributes
@@ -84,7 +88,14 @@ class DashboardNode(Node):
         self._tune = self.create_client(Tune, f"{names['tuner']}/tune")
         self.create_subscription(FopidState, f"{names['controller']}/state", self._on_state, LISTENING)
         self.create_subscription(TuningResult, f"{names['tuner']}/result", self._on_result, latched_qos())
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_timer(1.0, self._publish_diagnostics, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._open_signals()
+
+    def _publish_diagnostics(self) -> None:
+        problems, facts = self.guard.health_problems(), self.guard.facts()
+        status = diagnostic_status(self.get_fully_qualified_name(), "listening", problems, facts)
+        self._diagnostics.publish(diagnostic_array(status, self))
 
     def _open_signals(self) -> None:
         self._kinds = {name: self._signal_type(name) for name in (*SUBSCRIBED, "manual_control")}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from fopid_core.design.tuner import Bound, TuningRequest, TuningResult
+from fopid_core.design.specification import Bound, TuningRequest
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import TEST_BENCH, Process
@@ -17,6 +17,7 @@ from fopid_ros.tuner.controller_client import GAINS
 
 if TYPE_CHECKING:  # loaded by the first request that learns, since they need scipy
     from fopid_core.design.identification.identify import IdentifiedModel
+    from fopid_core.design.tuner import TuningResult
     from fopid_ros.tuner.learning.autotune import AutotuneRequest
     from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome
 

@@ -15,7 +15,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
-from fopid_core.design.tuner import TuningRequest, tune
+from fopid_core.design.specification import TuningRequest
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_msgs.action import Autotune
@@ -190,6 +190,7 @@ class TunerNode(ManagedNode):
 
     def _tune(self, request: Tune.Request, response: Tune.Response, job: Job) -> None:
         from fopid_core.design.acceptance import rejection_reason
+        from fopid_core.design.tuner import tune
 
         values = self.values()
         wanted = tuning_request(request, values)
