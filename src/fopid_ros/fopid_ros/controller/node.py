@@ -60,6 +60,7 @@ class ControllerNode(ManagedNode):
     _active = False
     _timer: Timer | None = None
     _last_tick: int | None = None
+    _state_sent_ns = 0
     _parts_known = False
 
     def __init__(self, context: Context | None = None) -> None:
@@ -250,7 +251,8 @@ class ControllerNode(ManagedNode):
         self._control = control
         self._statistics.tick(self._interval, saturated=state.saturated, stale=bool(unusable))
         self.publish_control(control, stamp_ns)
-        if state.mode == "manual" or not (unusable and self._awaiting_first_input):
+        told = state.mode == "manual" or not (unusable and self._awaiting_first_input)
+        if told and self._state_is_due(now_ns):
             self._publish_state(stamp_ns, now_ns, state)
 
     def _step(self, now_ns: int) -> float:
@@ -307,6 +309,14 @@ class ControllerNode(ManagedNode):
     def publish_control(self, control: float, stamp_ns: int) -> None:
         """Send the control with the stamp of the measurement it answers, or of the tick [ns]."""
         self._control_publisher.publish(self._write(control, stamp_ns))
+
+    def _state_is_due(self, now_ns: int) -> bool:
+        """Whether somebody hears ~/state, and ``state_rate`` allows another one."""
+        interval_ns = NS / self._values["state_rate"] - self._period_ns // 2  # the nearest tick, however it jitters
+        if not self._state_publisher.get_subscription_count() or 0 <= now_ns - self._state_sent_ns < interval_ns:
+            return False
+        self._state_sent_ns = now_ns
+        return True
 
     def _publish_state(self, stamp_ns: int, now_ns: int, state: ControllerState) -> None:
         message = self._state
@@ -399,6 +409,9 @@ class ControllerNode(ManagedNode):
             response.message = (
                 f"directory = {directory!r}, gains_file = {name!r}; allowed: a folder, given at start, and a file in it"
             )
+            return response
+        if Path(directory, name).resolve().parent != Path(directory).resolve():
+            response.message = f"gains_file = {name!r} is a link out of directory; allowed: a file in it"
             return response
         values = {name: parameter.value for name, parameter in self.get_parameters_by_prefix("").items()}
         try:

@@ -59,6 +59,7 @@ SPECS = (
     Spec("clock_skew_max", 0.0, "how far beyond a tick a stamp may be ahead of this node's clock [s]", 0.0, 1e9),
     Spec("on_rivals", "tell", "when several nodes publish an input: tell it in /diagnostics, or also the safe control",
          choices=("tell", "safe")),
+    Spec("state_rate", math.inf, "messages of ~/state per second at most; inf for one at each tick", 1e-3),
     Spec("safe_control", 0.0, "the control before the first tick and after the last", -LARGEST, LARGEST),
     Spec("mode", "auto", "auto, or manual: the control follows the topic manual_control", choices=("auto", "manual")),
     Spec("directory", "", "the folder of gains_file and of retained gains; empty: no file is written", read_only=True),

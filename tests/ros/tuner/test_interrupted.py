@@ -1,0 +1,187 @@
+"""A tuner that is killed, stopped or led through its states while it works leaves the loop as it was."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import ChangeState, GetState
+
+from fopid_msgs.msg import FopidState, ScalarStamped
+from fopid_msgs.srv import Identify, Reduce, Tune
+
+from ..conftest import Graph
+from .test_autotune import PI, ForeignLoop
+
+TUNER = "fopid_tuner"
+GONE = 1.0
+"""Within this time of its author's end an addend must be gone [s]."""
+
+
+@pytest.fixture
+def loop(graph: Graph) -> Iterator[ForeignLoop]:
+    made = ForeignLoop(graph, "saturating", PI, steps=False)
+    yield made
+    made.plant.terminate()
+    made.plant.wait(10)
+
+
+def excited(loop: ForeignLoop, **goal: Any) -> tuple[Any, list[FopidState]]:
+    """An autotuning that moves the control, and what the controller tells."""
+    states = loop.graph.listen(FopidState, "fopid_controller/state")
+    handle = loop.autotune(**{"deviation_max": 0.3, "duration": 30.0, **goal})
+    loop.graph.until(lambda: states and states[-1].feedforward, "the excitation")
+    return handle, states
+
+
+def change(graph: Graph, label: str) -> bool:
+    request = ChangeState.Request()
+    request.transition.label = label
+    return bool(graph.call(ChangeState, f"{TUNER}/change_state", request).success)
+
+
+def state(graph: Graph) -> int:
+    return int(graph.call(GetState, f"{TUNER}/get_state").current_state.id)
+
+
+@pytest.mark.parametrize("end", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.slow)])
+def test_the_addend_dies_with_its_author_and_without_a_bump(loop: ForeignLoop, end: int) -> None:
+    _, states = excited(loop)
+    os.kill(loop.tuner.pid, end)
+    died, begun = time.monotonic(), len(states)
+    try:
+        loop.graph.until(lambda: states[-1].feedforward == 0.0, "the addend is gone")
+        took = time.monotonic() - died
+        assert took < GONE + 0.5, took  # half a second for what a busy machine is late
+        loop.graph.spin(1.0)
+    finally:
+        if end == signal.SIGSTOP:
+            os.kill(loop.tuner.pid, signal.SIGKILL)
+    addends = [told.feedforward for told in states[begun:]]
+    assert addends[-1] == 0.0
+    size = max(map(abs, addends))
+    steps = [abs(after - before) for before, after in pairwise(addends)]
+    assert max(steps) < 0.25 * size  # from a constant to nothing in half a second: 50 ticks, some of them late
+
+
+@pytest.mark.slow
+def test_after_a_restart_there_is_no_addend_and_no_author(loop: ForeignLoop) -> None:
+    _, states = excited(loop)
+    os.kill(loop.tuner.pid, signal.SIGKILL)
+    loop.graph.spin(2 * GONE)
+    told = loop.graph.listen(DiagnosticArray, "/diagnostics")
+    loop.graph.start(TUNER, {"process": "P1"})
+    loop.graph.until(lambda: any(m.status[0].name == f"/{TUNER}" for m in told), "the tuner is back")
+    begun = len(states)
+    loop.graph.spin(1.0)
+    assert not any(told.feedforward for told in states[begun:])
+
+
+@pytest.mark.parametrize("label", ["deactivate", pytest.param("shutdown", marks=pytest.mark.slow)])
+def test_leaving_the_active_state_ends_an_autotuning_first(loop: ForeignLoop, label: str) -> None:
+    before = loop.gains()
+    handle, states = excited(loop)
+    assert change(loop.graph, label)
+    result = loop.outcome(handle).result
+    assert not result.success
+    assert f"autotune was cancelled: the node is told to {label}" in result.message
+    loop.graph.until(lambda: states[-1].feedforward == 0.0, "the addend is gone", GONE + 0.5)
+    assert loop.added[-1].value == 0.0
+    assert loop.gains() == before
+    expected = State.PRIMARY_STATE_INACTIVE if label == "deactivate" else State.PRIMARY_STATE_FINALIZED
+    assert state(loop.graph) == expected
+    if label == "deactivate":
+        answer = loop.graph.call(Tune, f"{TUNER}/tune", Tune.Request(process="P1", phase_margin=1.2, crossover=0.5))
+        assert "the node is not active" in answer.message
+        assert change(loop.graph, "cleanup")
+        assert change(loop.graph, "configure")
+        assert change(loop.graph, "activate")
+        assert loop.graph.call(Reduce, f"{TUNER}/reduce", Reduce.Request(process="P1")).success
+    assert "internal error" not in loop.graph.logs()
+
+
+@pytest.mark.slow
+def test_leaving_while_new_gains_are_watched_puts_the_old_ones_back(loop: ForeignLoop) -> None:
+    before = loop.gains()
+    handle = loop.autotune(deviation_max=0.3, duration=8.0)
+    loop.graph.until(lambda: loop.feedback and loop.feedback[-1].phase == "watching", "the trial", 100.0)
+    assert loop.gains() != before
+    assert change(loop.graph, "deactivate")
+    assert "cancelled" in loop.outcome(handle).result.message
+    assert loop.gains() == before
+
+
+@pytest.mark.slow
+def test_what_is_not_allowed_while_it_works_is_refused_and_the_work_goes_on(loop: ForeignLoop) -> None:
+    handle, states = excited(loop)
+    for label in ("cleanup", "configure", "activate"):
+        assert not change(loop.graph, label)
+    loop.graph.spin(0.5)
+    assert states[-1].feedforward != 0.0
+    loop.graph.result(handle.cancel_goal_async())
+    assert "cancelled" in loop.outcome(handle).result.message
+
+
+ODD_REQUESTS = [
+    {"process": "s/(s+1)"}, {"process": "s/(s+1)", "method": "time"}, {"method": "time", "horizon": 1e308},
+    {"method": "time", "horizon": 5e-324}, {"crossover": 1e308}, {"crossover": 5e-324}, {"timeout": 1e308},
+    {"process": "1/(s+1)*exp(-1e300s)"}, {"process": "1e308/(1e308s+1)"}, {"process": "(" * 900 + "s" + ")" * 900},
+    {"phase_margin": float("inf")}, {"method": "\x00"}, {"method": "rule", "rule": "\ud7ff"}, {"t_max_db": 1e308},
+    {"ms_max": float("-inf"), "method": "time"}, {"process": "/dev/zero.yaml"}, {"process": "../x.yml"},
+]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_no_request_ends_the_tuner(graph: Graph) -> None:
+    tuner = graph.start(TUNER, {"process": "P1", "timeout": 10.0})
+    for fields in ODD_REQUESTS:
+        request = Tune.Request(**{"phase_margin": 1.0, "crossover": 0.3, **fields})
+        answer = graph.call(Tune, f"{TUNER}/tune", request)
+        assert answer.success or answer.message, fields
+        assert tuner.returncode is None, fields
+    assert not graph.call(Reduce, f"{TUNER}/reduce", Reduce.Request(process="s/(s+1)", template_name="x")).success
+    assert not graph.call(Identify, f"{TUNER}/identify", Identify.Request(duration=-1e308)).success
+    assert graph.call(Tune, f"{TUNER}/tune", Tune.Request(phase_margin=1.2, crossover=0.5)).success
+
+
+def test_a_process_over_ros_is_never_a_file(graph: Graph, tmp_path: Path) -> None:
+    tuner = graph.start(TUNER, {"process": "P1"})
+    pipe = tmp_path / "pipe.yaml"
+    os.mkfifo(pipe)
+    for kind, name in ((Tune, "tune"), (Reduce, "reduce")):
+        answer = graph.call(kind, f"{TUNER}/{name}", kind.Request(process=str(pipe)), 10.0)
+        assert not answer.success
+        assert "files are not read" in answer.message
+    assert not graph.set(TUNER, process=str(pipe)).successful
+    tuner.terminate()
+    assert tuner.wait(10) == 0
+
+
+@pytest.mark.slow
+def test_a_process_that_hangs_at_its_start_ends_when_told_to(graph: Graph, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.yaml"
+    os.mkfifo(pipe)
+    plant = graph.start("plant_simulator", {"process": str(pipe)})
+    graph.spin(3.0)
+    assert plant.returncode is None
+    plant.terminate()
+    assert plant.wait(15) != 0
+
+
+def test_a_state_that_nobody_hears_is_not_sent_and_its_rate_can_be_limited(graph: Graph) -> None:
+    graph.start("fopid_controller", {"kp": 1.0, "setpoint.initial": 1.0, "state_rate": 20.0})
+    sensor = graph.node.create_publisher(ScalarStamped, "measurement", 1)
+    graph.node.create_timer(0.01, lambda: sensor.publish(ScalarStamped(value=0.5)))
+    states = graph.listen(FopidState, "fopid_controller/state")
+    graph.until(lambda: states, "a state")
+    begun = len(states)
+    graph.spin(2.0)
+    assert 25 < len(states) - begun < 45
