@@ -10,6 +10,7 @@ from fopid_core.model.arrays import Complexes, Floats
 
 _LARGEST_CHANGE = 0.5  # of the value's logarithm between neighbours: rad of phase, or ln of gain
 _MOST_HALVINGS = 30
+_MOST_POINTS = 30_000  # more are asked for only by a curve that is nothing but rounding
 _ROOT = 1e-14  # of a bracket, where a root is found
 
 
@@ -26,7 +27,7 @@ def refine(curve: Callable[[Floats], Complexes], z: Floats) -> tuple[Floats, Com
     Returns
     -------
     z, values : ndarray
-        The grid with the new points, and the values there.
+        The grid with the new points, and the values there. A curve that moves between any two points is given up.
 
     Examples
     --------
@@ -35,11 +36,11 @@ def refine(curve: Callable[[Floats], Complexes], z: Floats) -> tuple[Floats, Com
     >>> bool(np.max(np.abs(np.angle(values[1:] / values[:-1]))) < 0.5)
     True
     """
-    values = curve(z)
+    values, most = curve(z), max(_MOST_POINTS, 2 * z.size)
     for _ in range(_MOST_HALVINGS):
         with np.errstate(divide="ignore", invalid="ignore"):
             wide = np.flatnonzero(np.abs(np.log(values[1:] / values[:-1])) > _LARGEST_CHANGE)
-        if wide.size == 0:
+        if wide.size == 0 or z.size + wide.size > most:
             break
         middle = 0.5 * (z[wide] + z[wide + 1])
         z = np.insert(z, wide + 1, middle)

@@ -26,7 +26,7 @@ _CALM = 30.0  # a mode has died out after so many of its time constants
 _LEFT_OUT = 1e-6  # of the transform's integral above the band
 _SAMPLES_A_TURN = 32
 _ALIVE = 1e-8
-_MOST_POINTS, _MOST_WORK = 1 << 20, 1 << 24  # in one window: points, and points times sudden terms
+_MOST_POINTS, _MOST_WORK = 1 << 22, 1 << 25  # in one window: points, and points times sudden terms
 _HIGHEST_POWER = 6.0  # once the sudden part is out, the transforms fall faster than s**-6
 
 
@@ -121,7 +121,7 @@ class Delayed:
 def _modes(transforms: StepTransforms, horizon: float) -> tuple[float, Modes]:
     """A line left of the imaginary axis, its distance [1/s], and all modes to the right of it."""
     function = transforms.characteristic
-    longest = max(t.delay for t in function.terms)
+    longest = transforms.longest_delay
     angle = math.pi if function.has_integer_orders else _ANGLE
     for share in _LINES:
         path = Path(angle, share / longest)

@@ -21,14 +21,17 @@ EPSILON = float(np.finfo(np.float64).eps)
 _STEP = 0.15  # of ln s, between the points of the first grids
 _MOST_STEPS = 1500
 _TURN_STEP = 0.5  # rad of the longest delay's phase between points
-_MOST_TURNS = 20_000
+_MOST_TURNS = 100_000
+_SMALL_SHARE = 0.1  # of the delayed terms: less than this turns the sum by little
 _LARGEST_LOG_FREQUENCY = 600.0
-_MOST_ROUNDS = 12
+_MOST_ROUNDS = 5
+_LARGEST_TURN = 0.6  # rad between neighbours on the path
 _SEEDS_EACH = 60
 _ITERATIONS = 40
 _LARGEST_MOVE = 0.4  # of ln s in one Newton step
 _SAME = 1e-9  # relatively closer than this, two zeros are one
 _REAL = 1e-11
+_ROUNDING = 32.0 * EPSILON
 MOST_ZEROS = 300
 
 
@@ -117,15 +120,22 @@ def count_right_of(function: QuasiPolynomial, path: Path) -> tuple[int, float]:
     delayed = sum(abs(t.coefficient) * _grown(path, t.delay) for t in function.terms if t.order == lead.order)
     if delayed >= 2.0 * abs(lead.coefficient):  # the undelayed term itself is in the sum
         return -1, 0.0
+    if function.terms == (lead,):
+        return 0, 1.0
     grid = _grid(function, path)
     if grid is None:
         return -1, 0.0
+    starts = _start_sign(function, path)
+    if starts == 0.0 or np.abs(scaled_value(function, path.points(grid))[0]).min() < _ROUNDING:
+        return -1, 0.0
     z, values = refine(lambda z: scaled_value(function, path.points(z))[0], grid)
     clearance = float(np.abs(values).min())
-    starts = _start_sign(function, path)
-    if clearance < 16.0 * EPSILON or starts == 0.0:
+    if clearance < _ROUNDING:
         return -1, 0.0
-    turned = float(np.angle(values[0] / starts)) + float(np.sum(np.angle(values[1:] / values[:-1])))
+    turns = np.angle(values[1:] / values[:-1])
+    if np.abs(turns).max() > _LARGEST_TURN:  # still not followed: on the path, or nothing but rounding
+        return -1, 0.0
+    turned = float(np.angle(values[0] / starts)) + float(np.sum(turns))
     end = complex(path.points(z[-1:])[0])
     ideal = np.sign(lead.coefficient) * np.exp(1j * lead.order * np.angle(end))
     turned += lead.order * (path.last_angle - float(np.angle(end))) - float(np.angle(values[-1] / ideal))
@@ -196,10 +206,18 @@ def _grid(function: QuasiPolynomial, path: Path) -> Floats | None:
     longest = max(t.delay for t in function.terms)
     if not longest:
         return z
-    turns = math.exp(min(high, 500.0)) * longest / _TURN_STEP
-    if turns > _MOST_TURNS:
+    top = _delay_matters_until(function, path, z)
+    if top * longest / _TURN_STEP > _MOST_TURNS:
         return None
-    return np.unique(np.concatenate((z, np.log(np.linspace(0.0, math.exp(high), math.ceil(turns) + 1)[1:]))))
+    return np.unique(np.concatenate((z, np.log(np.linspace(0.0, top, math.ceil(top * longest / _TURN_STEP) + 1)[1:]))))
+
+
+def _delay_matters_until(function: QuasiPolynomial, path: Path, z: Floats) -> float:
+    """The height of the path above which the delayed terms are small beside the others."""
+    sizes = np.abs(_terms(function, path.points(z))[0])
+    share = sizes[[t.delay > 0.0 for t in function.terms]].sum(axis=0)
+    last = int(np.flatnonzero(share > _SMALL_SHARE).max(initial=-1))
+    return float(np.exp(z[min(last + 1, z.size - 1)]))
 
 
 def _ends(function: QuasiPolynomial, path: Path) -> tuple[float, float]:

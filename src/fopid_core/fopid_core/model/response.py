@@ -103,7 +103,7 @@ def step_response(loop: Loop, horizon: float, source: Source = "setpoint", point
     _check(loop, horizon, source, points)
     transforms = StepTransforms.of(loop, source)
     signals: DelayFree | Delayed
-    if any(term.delay for term in loop.characteristic.terms):
+    if transforms.longest_delay:
         signals = Delayed.of(transforms, horizon)
     else:
         signals = DelayFree.of(transforms, horizon, None if points is None else horizon / (points - 1))

@@ -58,6 +58,11 @@ class StepTransforms:
         return self.characteristic.shifted(1.0)
 
     @property
+    def longest_delay(self) -> float:
+        """[s], 0 without."""
+        return max(t.delay for part in (*self.numerators, self.characteristic) for t in part.terms)
+
+    @property
     def rate(self) -> float:
         """The frequency [rad/s] beyond which only the highest powers of s count."""
         return fast_rate(self.characteristic)
