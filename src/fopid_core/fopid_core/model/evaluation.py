@@ -23,7 +23,7 @@ from fopid_core.model.indices import (
 )
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import Margins, margins
-from fopid_core.model.response import Response, step_response
+from fopid_core.model.response import HORIZON_RANGE, Response, step_response
 from fopid_core.model.response_indices import response_indices
 from fopid_core.model.stability import Stability, stability
 from fopid_core.model.winding import right_half_plane_zeros
@@ -168,12 +168,15 @@ def default_horizon(loop: Loop) -> float:
     w = np.exp(right_half_plane_zeros(loop.characteristic).log_frequency)
     sensitivity = loop.sensitivity(1j * w)
     slow = _first(w, np.abs(sensitivity - sensitivity[0]) > _SETTLED)
-    if math.isfinite(loop.process.steady_state_gain):
-        own = _first(w, np.abs(loop.process(1j * w) / loop.process.steady_state_gain - 1.0) > _MOVED)
+    gain = loop.process.steady_state_gain
+    if gain == 0.0:
+        own = float(w[np.argmax(np.abs(loop.process(1j * w)))])
+    elif math.isfinite(gain):
+        own = _first(w, np.abs(loop.process(1j * w) / gain - 1.0) > _MOVED)
     else:
         own = _first(w, np.abs(loop(1j * w)) < 1.0 / _SETTLED)
     slow = min(max(slow, own / _LONGEST), own)
-    wished = _SLOW_TIMES / slow + _DELAYS * loop.process.delay
+    wished = min(_SLOW_TIMES / slow + _DELAYS * loop.process.delay, HORIZON_RANGE[1])
     decade = 10.0 ** math.floor(math.log10(wished))
     return float(next(n * decade for n in (1, 2, 5, 10) if n * decade >= wished))
 
