@@ -10,7 +10,8 @@ import pytest
 
 from fopid_core.errors import InputError
 from fopid_core.model.process import Process
-from tests.core.cli.fuzzing import Fuzzer, line_fault, text_fault
+
+from .fuzzing import Fuzzer, line_fault, text_fault
 
 GAINS = ("--gains", "1,1,0.1,1,1")
 ONCE_BROKEN = [

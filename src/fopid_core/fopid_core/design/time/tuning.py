@@ -34,6 +34,8 @@ BEGUN, BEGUN_EACH, FOLLOWED = 4, 2, 3
 """How many of the controllers drawn a descent begins from, how many of each structure, and how many descents are
 followed to the end."""
 FIRST_STEPS, LAST_STEPS = 8, 80
+FLOORS, LAST_TOLERANCE = (1e-4, 1e-6), 1e-6
+"""Roundings of absolute values with which a descent is taken up again: in narrow valleys it stops too early."""
 CARRIED, SAME = 6, 1e-5
 """How many designs are looked at again on finer grids, and by how much their costs differ at least, relative."""
 RIGHT, ROUGHLY_RIGHT = 1e-3, 2e-2
@@ -255,8 +257,15 @@ class _Search:
         under_way.sort(key=_merit)
         self.report(0.7, f"finishing the best, cost {under_way[0].cost:.5g}")
         followed = 1 if polish_only else FOLLOWED
-        ended = [descend(problem, descent, LAST_STEPS, expired=self.expired) for descent in under_way[:followed]]
-        return ended + under_way[followed:]
+        return [self._finished(problem, descent) for descent in under_way[:followed]] + under_way[followed:]
+
+    def _finished(self, problem: TimeProblem, descent: Descent) -> Descent:
+        """Down to the end, and again from there with absolute values rounded off less."""
+        ended = descend(problem, descent, LAST_STEPS, expired=self.expired)
+        for floor in FLOORS:
+            again = replace(fresh(ended), floor=floor)
+            ended = descend(problem, again, LAST_STEPS, LAST_TOLERANCE, expired=self.expired)
+        return ended
 
     def _simplex(self, problem: TimeProblem, begun: list[Descent]) -> list[Descent]:
         self.report(0.2, "Nelder-Mead from perturbed starts")
