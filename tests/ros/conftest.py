@@ -64,7 +64,12 @@ class Graph:
         self.executor.add_node(self.node)
 
     def start(self, executable: str, parameters: Mapping[str, object], *more: str) -> NodeProcess:
-        """Start an executable; its output goes to a file that ``logs`` reads."""
+        """Start an executable; its output goes to a file that ``logs`` reads.
+
+        A controller may start without gains here: many tests are about something else.
+        """
+        if executable == "fopid_controller":
+            parameters = {"allow_zero_gains": True, **parameters}
         log = self._folder / f"{executable}-{len(self._processes)}.log"
         process = NodeProcess(executable, [*ros_arguments(parameters), *more], self.environment, log)
         self._processes.append(process)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import os
 import signal
 import subprocess
+import sys
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
@@ -17,6 +23,7 @@ from std_srvs.srv import SetBool
 from fopid_msgs.msg import FopidState, ScalarStamped
 
 from .conftest import BIN, Graph, LockstepLoop
+from .node_process import MODULES
 
 CONFIG = Path(__file__).parents[2] / "config"
 
@@ -65,11 +72,14 @@ def test_a_domain_that_cannot_be_used_is_named(graph: Graph, domain: str) -> Non
     assert "Traceback" not in ended.stderr
 
 
-@pytest.mark.parametrize("executable", ["plant_simulator", "fopid_controller", "fopid_tuner", "experiment"])
-def test_help_tells_what_can_be_set(graph: Graph, executable: str) -> None:
-    command = [BIN / executable, "--help"]
-    told = subprocess.run(command, env=graph.environment, timeout=100, capture_output=True, text=True, check=True)
-    assert "usage" in told.stdout
+@pytest.mark.parametrize("executable", sorted(MODULES))
+def test_help_tells_what_can_be_set(executable: str, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    main = importlib.import_module(MODULES[executable]).main
+    for asked in ("-h", "--help"):
+        monkeypatch.setattr(sys, "argv", [executable, asked])
+        with suppress(SystemExit):  # with code 0, by argparse
+            assert main() == 0
+        assert "usage" in capsys.readouterr().out.lower()
 
 
 @pytest.mark.parametrize("name", ["P1", *[pytest.param(name, marks=pytest.mark.slow) for name in ("P2", "P3", "P4")]])
@@ -180,3 +190,23 @@ def test_a_node_ends_in_good_order_when_told_to(graph: Graph, executable: str, n
     os.kill(process.pid, number)
     assert process.wait(10) == 0
     assert "Traceback" not in graph.logs()
+
+
+def test_a_simulated_clock_is_told_to_who_comes_while_the_loop_stands(graph: Graph) -> None:
+    graph.start("plant_simulator", {"trigger": "lockstep", "advance_until": 0.0})
+    graph.until(lambda: graph.node.count_publishers("/clock"), "the plant")
+    graph.spin(0.5)
+    clocks = graph.listen(Clock, "/clock", qos_profile_sensor_data)
+    graph.until(lambda: len(clocks) >= 2, "the clock", patience=10.0)
+    assert {(one.clock.sec, one.clock.nanosec) for one in clocks} == {(0, 0)}
+
+
+def test_gains_that_are_accepted_are_logged_from_old_to_new_with_who_set_them(graph: Graph) -> None:
+    graph.start("fopid_controller", {"kp": 1.0})
+    assert graph.set("fopid_controller", kp=2.0).successful
+    assert graph.set("fopid_controller", kp=2.0).successful  # no change, no line
+    assert graph.set("fopid_controller", ki=0.5, gains__origin="by hand, by Ada").successful
+    lines = [line for line in graph.logs().splitlines() if "gains from" in line]
+    assert len(lines) == 2
+    assert "gains from 1 + 0 s^-1 + 0 s^1 to 2 + 0 s^-1 + 0 s^1, set by: a client that does not say" in lines[0]
+    assert "to 2 + 0.5 s^-1 + 0 s^1, set by: by hand, by Ada" in lines[1]

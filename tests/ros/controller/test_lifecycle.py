@@ -152,7 +152,7 @@ sys.exit(run(Broken))
 def test_a_mistake_in_the_program_gives_the_safe_control_and_is_told(graph: Graph, tmp_path: Path) -> None:
     controls = graph.listen(ScalarStamped, "control")
     told = graph.listen(DiagnosticArray, "/diagnostics")
-    arguments = ["--ros-args", "-p", "safe_control:=0.25", "-p", "setpoint.initial:=1.0"]
+    arguments = ["--ros-args", "-p", "kp:=1.0", "-p", "safe_control:=0.25", "-p", "setpoint.initial:=1.0"]
     with (tmp_path / "log").open("w") as log:
         process = subprocess.Popen([sys.executable, "-c", BROKEN, *arguments], env=graph.environment, stderr=log)
     measurement = graph.node.create_publisher(ScalarStamped, "measurement", 1)

@@ -54,7 +54,7 @@ class ForeignLoop:
         self._setpoint = graph.node.create_publisher(ScalarStamped, "setpoint", 1)
         self._client = ActionClient(graph.node, Autotune, "fopid_tuner/autotune")
         graph.until(self._client.server_is_ready, "the action")
-        graph.until(lambda: self._setpoint.get_subscription_count() == 2, "controller and tuner")
+        graph.until(self._setpoint.get_subscription_count, "the controller")
         graph.spin(SETTLE)
         self._setpoint.publish(ScalarStamped(value=1.0))
         graph.until(lambda: self._sensed, "the plant")

@@ -7,12 +7,14 @@ import math
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
+from rclpy.action import ActionClient
 
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
 from fopid_core.model.process import read_process
 from fopid_core.runtime.controller import ControllerSettings, FopidController
+from fopid_msgs.action import Autotune
 from fopid_msgs.msg import TuningResult
 from fopid_msgs.srv import Reduce, Tune
 from fopid_ros.common.managed_node import latched_qos
@@ -125,13 +127,22 @@ def test_while_busy_others_are_answered_and_a_second_tuning_is_refused(graph: Gr
     client = graph.client(Tune, "fopid_tuner/tune")
     graph.parameters("fopid_tuner")
     slow = Tune.Request(method="time", index="istes", process="1/(s+1)^8 * exp(-2s)")
+    autotune = ActionClient(graph.node, Autotune, "fopid_tuner/autotune")
+    graph.until(autotune.server_is_ready, "the action")
     first = client.call_async(slow)
+    goal = autotune.send_goal_async(Autotune.Goal())
     second = client.call_async(slow)
     third = client.call_async(slow)
     assert graph.get("fopid_tuner", "controller") == ["fopid_controller"]
     answers = [graph.result(future, 60) for future in (first, second, third)]
     refused = [a for a in answers if "busy" in a.message]
     assert len(refused) == 2, [a.message for a in answers]
+    assert not graph.result(goal).accepted
+    assert "goal rejected: busy" in graph.logs()
+    for answer in refused:  # what is not known is no number
+        known = [getattr(answer.gains, name) for name in GAINS] + [answer.achieved.ms, answer.achieved.phase_margin]
+        assert all(math.isnan(value) for value in known)
+        assert answer.achieved.unstable_poles == -1
 
 
 def test_no_controller_is_said(graph: Graph) -> None:

@@ -64,6 +64,12 @@ class Endpoints:
         self._opened.append((opened, self._node.destroy_subscription))
         return opened
 
+    def fixed_subscription(self, kind: Any, topic: str, callback: Callable[..., None], qos: QoSProfile) -> Subscription:
+        """Open a subscription whose QoS is what it is for, and is not overridden."""
+        opened = self._node.create_subscription(kind, topic, callback, qos)
+        self._opened.append((opened, self._node.destroy_subscription))
+        return opened
+
     def service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Open a service."""
         opened = self._node.create_service(kind, name, callback)

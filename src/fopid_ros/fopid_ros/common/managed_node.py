@@ -307,7 +307,7 @@ def run(node_class: type[ManagedNode], args: Sequence[str] | None = None) -> int
 
     Bad input ends with one line on stderr and exit code 2.
     """
-    if "--help" in (sys.argv[1:] if args is None else args):
+    if {"-h", "--help"} & set(sys.argv[1:] if args is None else args):
         print(usage(node_class))
         return 0
     stop = StopSignal()

@@ -109,8 +109,28 @@ def _wait(stop: threading.Event, on_time_jump_back: Callable[[], object]) -> Non
     The timers of rclpy's wheels sleep until an instant of the system clock, even those of a steady clock: when it
     is set back they would oversleep by as much. Of a change that is made over a longer time they see little.
     """
-    offset = time.time() - time.monotonic()
+    ahead = system_clock_ahead()
     while not stop.wait(CLOCK_WATCH_PERIOD):
-        before, offset = offset, time.time() - time.monotonic()
-        if offset < before - CLOCK_WATCH_PERIOD:
+        before, ahead = ahead, system_clock_ahead()
+        if was_set_back(before, ahead):
             on_time_jump_back()
+
+
+def system_clock_ahead() -> tuple[float, float]:
+    """How far the system clock is ahead of the steady one [s], at least and at most.
+
+    This thread may be held up between two readings of clocks, for as long as others compute.
+    """
+    earliest, now, latest = time.monotonic(), time.time(), time.monotonic()
+    return now - latest, now - earliest
+
+
+def was_set_back(before: tuple[float, float], after: tuple[float, float]) -> bool:
+    """Whether the system clock has been set back for sure, by what it was ahead before and after.
+
+    Examples
+    --------
+    >>> was_set_back((10.0, 10.0), (9.0, 9.0)), was_set_back((10.0, 10.0), (8.0, 10.0))  # set back; held up for 2 s
+    (True, False)
+    """
+    return after[1] < before[0] - CLOCK_WATCH_PERIOD

@@ -13,6 +13,7 @@ from fopid_ros.common.inputs import Input
 from fopid_ros.common.managed_node import ManagedNode, loop_qos, take_pending_messages
 from fopid_ros.common.pending_values import PendingValues
 from fopid_ros.common.signals import SignalType
+from fopid_ros.controller.kept_setpoint import KeptSetpoint
 
 AUTOMATIC = -1.0
 """A timeout that the sample time chooses."""
@@ -81,6 +82,7 @@ class LoopInputs:
         self._newest_stamp: int | None = None
         self._pending: list[tuple[Input, PendingValues]] = []
         self._subscriptions: list[Subscription] = []
+        self._kept: KeptSetpoint | None = None
         self.take_settings(values)
 
     def take_settings(self, values: Mapping[str, Any]) -> None:
@@ -98,6 +100,10 @@ class LoopInputs:
             ahead = PendingValues()
             self._pending.append((one, ahead))
             self._subscriptions.append(self._listen(one, ahead))
+        if not self._lockstep:
+            self._kept = KeptSetpoint(
+                self._node, self._node.endpoints, self._types["setpoint"].message_type, self._take_kept_setpoint
+            )
 
     def _listen(self, one: Input, ahead: PendingValues) -> Subscription:
         kind, lockstep = self._types[one.name], self._lockstep
@@ -108,8 +114,16 @@ class LoopInputs:
                 return
             if lockstep or not self._comes_from_the_future(one, stamp):
                 self.take(one, value, self._now())
+                if one is self.setpoint and self._kept is not None:
+                    self._kept.stop()
 
         return self._node.endpoints.subscription(kind.message_type, one.name, arrived, loop_qos(lockstep=lockstep))
+
+    def _take_kept_setpoint(self, message: Any) -> None:
+        kind = self._types["setpoint"]
+        if not self._comes_from_the_future(self.setpoint, kind.stamp_ns(message)):
+            self.take(self.setpoint, kind.read(message), self._now())
+            self._node.get_logger().info(f"setpoint = {self.setpoint.value:g}, as its publisher has kept it")
 
     def begin(self) -> None:
         """Forget the order of the samples before."""

@@ -43,6 +43,7 @@ from fopid_ros.controller.parameters import (
     check_timeouts,
     controller_settings,
     initial_setpoint,
+    refuse_idle_gains,
     signal_types,
 )
 from fopid_ros.controller.retained import check_provenance
@@ -105,6 +106,7 @@ class ControllerNode(ManagedNode):
         self._update_cached_settings()
         self._open_topics(types)
         self._open_services()
+        refuse_idle_gains(values)
 
     def _time_of_ticks(self) -> tuple[Clock, Callable[[], int]]:
         """The clock of the ticks, and the time by which inputs age [ns]; in lockstep the loop's own."""
@@ -151,8 +153,12 @@ class ControllerNode(ManagedNode):
         if not self.configured:
             return
         self._memory.take(values)
-        mode_before, self._values = self._values["mode"], values
+        mode_before, gains_before, self._values = self._values["mode"], self._controller.settings.gains, values
         self._controller.reconfigure(controller_settings(values, self._types["control"]))
+        gains = self._controller.settings.gains
+        if gains != gains_before:
+            origin = values["gains.origin"] or "a client that does not say who it is"
+            self.get_logger().info(f"gains from {gains_before} to {gains}, set by: {origin}")
         if values["mode"] != mode_before:
             self._controller.set_mode(values["mode"])
         self._update_cached_settings()

@@ -61,6 +61,8 @@ SPECS = (
          choices=("tell", "safe")),
     Spec("state_rate", math.inf, "messages of ~/state per second at most; inf for one at each tick", 1e-3),
     Spec("safe_control", 0.0, "the control before the first tick and after the last", -LARGEST, LARGEST),
+    Spec("allow_zero_gains", False, "start although all gains are 0, so that the control does not move",
+         at_configure=True),
     Spec("mode", "auto", "auto, or manual: the control follows the topic manual_control", choices=("auto", "manual")),
     Spec("directory", "", "the folder of gains_file and of retained gains; empty: no file is written", read_only=True),
     Spec("gains_file", "", "the file in directory where ~/save_gains writes all parameters; a start with --params-file "
@@ -113,6 +115,12 @@ def controller_settings(values: dict[str, Any], control_type: SignalType) -> Con
         control_max=min(values["control_max"], control_type.high),
         **{name: values[name] for name in _SAME_IN_THE_CORE},
     )
+
+
+def refuse_idle_gains(values: dict[str, Any]) -> None:
+    """Raise InputError for a start without gains, unless that was asked for: nothing would control the plant."""
+    if not (values["kp"] or values["ki"] or values["kd"] or values["allow_zero_gains"]):
+        raise InputError("kp = ki = kd = 0; allowed: a gain that is not 0, or allow_zero_gains = true")
 
 
 def initial_setpoint(values: dict[str, Any]) -> float:

@@ -151,6 +151,7 @@ class PlantSimulator(ManagedNode):
         if not self._sent_since:
             self._send()
         self._sent_since = False
+        self._publish_clock()  # for who comes late, while the loop stands
 
     def _step_lockstep(self, stamp_ns: int | None) -> None:
         current = self._sample * self._period_ns

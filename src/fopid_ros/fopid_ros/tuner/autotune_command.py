@@ -74,6 +74,8 @@ def _run(goal: Autotune.Goal) -> int:
             progress.update(task, completed=stage.progress, description=stage.phase, said=said[:90])
 
         handle = _wait(node, client.send_goal_async(goal, feedback_callback=told))
+        if not handle.accepted:
+            raise InputError("the tuner rejected the goal: it is busy with another request, or not active")
         answer = handle.get_result_async()
         try:
             result = _wait(node, answer).result
@@ -95,7 +97,7 @@ def _show(result: Autotune.Result) -> None:
     print(result.message)
     if result.model.process:
         print(f"model     {result.model.process}  (fit {result.model.fit_pct:.1f} %)")
-    if result.gains.kp or result.gains.ki or result.gains.kd:
+    if math.isfinite(result.gains.kp):
         gains = result.gains
         state = "running" if result.applied else "not applied"
         print(f"gains     kp {gains.kp:.6g}  ki {gains.ki:.6g}  kd {gains.kd:.6g}  lam {gains.lam:.6g}  "

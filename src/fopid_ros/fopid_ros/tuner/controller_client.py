@@ -40,6 +40,7 @@ class ControllerClient:
         self.name = name
         self._background = background
         self._client = AsyncParameterClient(node, name)
+        self._origin = node.get_fully_qualified_name()
 
     def get(self, *names: str) -> list[Any]:
         """Values of parameters.
@@ -80,7 +81,8 @@ class ControllerClient:
             If it does not answer before, or refuses them.
         """
         previous = self.gains()
-        parameters = [Parameter(name, value=value) for name, value in zip(GAINS, gains.gains, strict=True)]
+        changes = {**dict(zip(GAINS, gains.gains, strict=True)), "gains.origin": self._origin}
+        parameters = [Parameter(name, value=value) for name, value in changes.items()]
         answer = self._background.result(lambda: self._client.set_parameters_atomically(parameters), ANSWER_TIME)
         if answer is None:
             raise UnconfirmedError(f"{self.name!r} did not confirm", previous)

@@ -110,6 +110,20 @@ def tuning_request(request: Tune.Request, defaults: dict[str, Any]) -> TuningReq
     return TuningRequest(process, sample_time=defaults["sample_time"], **bounds, **numbers, **words)
 
 
+def nothing_known(message: Any) -> Any:
+    """The message with NaN for each number that is not known yet: gains, and what a loop with them is worth."""
+    for name in ("gains", "previous_gains", "achieved"):
+        part = getattr(message, name, None)
+        for field, kind in part.get_fields_and_field_types().items() if part is not None else ():
+            if kind == "double":
+                setattr(part, field, math.nan)
+    if hasattr(message, "achieved"):
+        message.achieved.unstable_poles = -1
+    if hasattr(message, "worst_ms"):
+        message.worst_ms = math.nan
+    return message
+
+
 def fill_gains(message: Gains, controller: Fopid) -> None:
     """The five numbers."""
     for name, value in zip(GAINS, controller.gains, strict=True):
@@ -118,7 +132,8 @@ def fill_gains(message: Gains, controller: Fopid) -> None:
 
 def fill_measures(message: LoopMeasures, result: TuningResult) -> None:
     """What the loop is worth; a measure that does not exist stays NaN."""
-    message.stable, message.unstable_poles, message.cost = result.stable, result.unstable_poles, result.cost
+    message.stable, message.cost = result.stable, result.cost
+    message.unstable_poles = -1 if result.controller is None else result.unstable_poles
     if result.achieved is None:
         return
     for name in ("phase_margin", "crossover", "phase_slope", "gain_margin_db", "delay_margin", "ms", "mt",

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from rclpy.action import CancelResponse
+from rclpy.action import CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -38,6 +38,7 @@ from fopid_ros.tuner.messages import (
     fill_gains,
     fill_measures,
     identified_message,
+    nothing_known,
     process_of,
     tuning_request,
 )
@@ -84,7 +85,7 @@ class TunerNode(ManagedNode):
             self.background.may_answer_later(self.create_service(kind, f"~/{name}", self._answering(name, jobs, work)))
         self._action = BackgroundActionServer(
             self, Autotune, "~/autotune", self._on_autotune, self.background,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            goal_callback=self._on_goal, cancel_callback=self._on_cancel,
         )  # fmt: skip
         self._tap: LoopTap | None = None
         self._adaptation: Adaptation | None = None
@@ -151,7 +152,14 @@ class TunerNode(ManagedNode):
 
         def asked(request: Any, response: Any) -> Any:
             later = Later(self.background)
-            job = Job(name, lambda: later.give(type(response)(message=f"{name} was cancelled: {job.why}")))
+            given_up = nothing_known(type(response)())
+
+            def give_up() -> None:
+                given_up.message = f"{name} was cancelled: {job.why}"
+                later.give(given_up)
+
+            job = Job(name, give_up)
+            nothing_known(response)
             refused = self._refuse(job, jobs)
             if refused:
                 response.message = refused
@@ -246,8 +254,22 @@ class TunerNode(ManagedNode):
         response.models = [identified_message(model) for model in models]
         response.success, response.message, response.elapsed = found.success, found.message, found.elapsed
 
+    def _on_goal(self, goal: Autotune.Goal) -> GoalResponse:
+        """A goal for which there is no room is rejected; one that is accepted has it."""
+        job = Job("autotune")
+        refused = self._refuse(job, self._jobs)
+        if refused:
+            self.get_logger().warning(f"autotune: goal rejected: {refused}")
+            return GoalResponse.REJECT
+        self._accepted = job
+        return GoalResponse.ACCEPT
+
+    def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        self.get_logger().info(f"autotune: asked to cancel while {self._stage}")
+        return CancelResponse.ACCEPT
+
     def _on_autotune(self, goal: ServerGoalHandle, give: Callable[[Callable[[], Any]], None]) -> None:
-        result, began = Autotune.Result(), time.monotonic()
+        result, began, job = nothing_known(Autotune.Result()), time.monotonic(), self._accepted
 
         def end() -> Autotune.Result:
             result.elapsed = time.monotonic() - began
@@ -257,18 +279,15 @@ class TunerNode(ManagedNode):
                 goal.succeed()
             else:
                 goal.abort()
+            self.get_logger().info(f"autotune ended after {result.elapsed:.3g} s: {result.message}")
             return result
 
         def give_up() -> None:
             result.message = f"autotune was cancelled: {job.why}"
             give(end)
 
-        job = Job("autotune", give_up)
-        refused = self._refuse(job, self._jobs)
-        if refused:
-            result.message = refused
-        else:
-            self._work(job, self._jobs, lambda: self._autotune(goal, result, job), result)
+        job.give_up = give_up
+        self._work(job, self._jobs, lambda: self._autotune(goal, result, job), result)
         give(end)
 
     def _autotune(self, goal: ServerGoalHandle, result: Autotune.Result, job: Job) -> None:
@@ -280,6 +299,8 @@ class TunerNode(ManagedNode):
         def report(stage: Stage) -> None:
             if ended():
                 raise CancelledError
+            if stage.phase != self._stage:
+                self.get_logger().info(f"autotune: {stage.phase}{': ' if stage.message else ''}{stage.message}")
             self._stage = stage.phase
             self.background.on_executor(lambda: goal.publish_feedback(Autotune.Feedback(**asdict(stage))))
 
@@ -325,7 +346,7 @@ class TunerNode(ManagedNode):
         outcome = learner.update(values["adapt_window"], values["adapt"] == "apply", wanted, wait)
         if outcome is None:
             return
-        result = Autotune.Result()
+        result = nothing_known(Autotune.Result())
         fill_autotune_result(result, outcome)
         self._publish_learnt("adapt", result, outcome)
         self.get_logger().info(f"adapt: {outcome.message}")
@@ -348,6 +369,7 @@ class TunerNode(ManagedNode):
             message=response.message, gains=response.gains, achieved=response.achieved, unmet=response.unmet,
             elapsed=response.elapsed,
         )  # fmt: skip
+        message.previous_gains = nothing_known(TuningResultMessage()).previous_gains
         if applied.previous is not None:
             fill_gains(message.previous_gains, applied.previous)
         self._publish(message)

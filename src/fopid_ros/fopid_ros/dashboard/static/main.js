@@ -44,7 +44,7 @@ function showEnabled() {
   const tuner = may && Boolean(status?.tuner.present);
   for (const part of at("tune").elements) part.disabled = !tuner;
   enable(["tune-start"], tuner && status.tuner.busy === null && !asked.has("tune"));
-  enable(["result-take"], controller);
+  enable(["result-take"], controller && Number.isFinite(page.status?.result?.gains.kp));
 }
 
 function connectionText() {

@@ -1,4 +1,8 @@
-"""The running loop as the tuner hears it: signals kept for learning, and one addend to the control."""
+"""The running loop as the tuner hears it: signals kept for learning, and one addend to the control.
+
+The setpoint is the one that the controller says it follows. A second reader of the topic setpoint would take the place
+of the controller's where ``ros2 topic pub --once`` waits for somebody who listens.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +26,14 @@ from fopid_ros.common.signals import SignalType, signal_specs
 from fopid_ros.tuner.learning.history import SIGNALS, History
 
 INJECTION = "feedforward"
+HEARD = ("measurement", "control")
 
 SPECS = (
     Spec("history", 600.0, "signals kept for ~/identify and ~/autotune [s]; 0 to listen to none", 0.0, 1e6),
-    *(spec for name in (*SIGNALS, INJECTION) for spec in signal_specs(name)),
+    *(spec for name in (*HEARD, INJECTION) for spec in signal_specs(name)),
 )
-_DEEP = 1000
+LISTENING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Best effort hears reliable publishers, too; a tick lost is a gap that the identification allows for."""
 
 REPEAT_PERIOD = 0.1
 """The addend is told again so often [s]: a controller that hears nothing more of it lets it fade out."""
@@ -48,7 +54,7 @@ class Tick:
 
 
 class LoopTap:
-    """Hears setpoint, measurement and control; adds to the control through the topic feedforward.
+    """Hears measurement, control and the state of the controller; adds to the control through the topic feedforward.
 
     That topic is published only from ``begin_injection`` to ``end_injection``, again and again: the addend dies with
     its author.
@@ -70,7 +76,7 @@ class LoopTap:
     def __init__(self, node: ManagedNode, values: dict[str, Any]) -> None:
         self._node = node
         self._types = types = {name: SignalType(values[f"{name}.type"], values[f"{name}.field"], name)
-                               for name in (*SIGNALS, INJECTION)}  # fmt: skip
+                               for name in (*HEARD, INJECTION)}  # fmt: skip
         self.history = History(values["history"])
         self._hook: Callable[[Tick], None] | None = None
         self._failed: Exception | None = None
@@ -78,17 +84,14 @@ class LoopTap:
         self._write = types[INJECTION].writer()
         self._injection: Publisher | None = None
         self._added = 0.0
-        self._state: Any = None
         # Two signals are laid over each other: both by their stamps, or both by when they came.
-        self._by_stamps = all(types[name].has_header for name in SIGNALS)
+        self._by_stamps = all(types[name].has_header for name in HEARD)
         if not values["history"]:
             return
-        for name in SIGNALS:
+        for name in HEARD:
             self._subscribe(name, types[name])
         state = f"{values['controller']}/state"
-        self._state = node.endpoints.subscription(
-            FopidState, state, self._on_state, loop_qos(lockstep=False, reliable=False)
-        )
+        node.endpoints.subscription(FopidState, state, self._on_state, LISTENING)
         node.endpoints.timer(REPEAT_PERIOD, self._repeat, Clock(clock_type=ClockType.STEADY_TIME))
 
     def _subscribe(self, name: str, kind: SignalType) -> None:
@@ -96,9 +99,7 @@ class LoopTap:
             stamp = kind.stamp_ns(message) if self._by_stamps else None
             self._heard(name, (stamp or self._arrival_ns(info)) * 1e-9, kind.read(message))
 
-        # Best effort hears reliable publishers, too; a tick lost is a gap that the identification allows for.
-        qos = QoSProfile(depth=_DEEP, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._node.endpoints.subscription(kind.message_type, name, heard, qos)
+        self._node.endpoints.subscription(kind.message_type, name, heard, LISTENING)
 
     def _arrival_ns(self, info: dict[str, int]) -> int:
         """When the transport had the message; a callback may come much later while this process computes."""
@@ -124,10 +125,13 @@ class LoopTap:
         except Exception as error:  # noqa: BLE001  (raised again where the loop is waited for)
             self._hook, self._failed = None, error
 
-    def _on_state(self, message: FopidState) -> None:
-        """A setpoint that was published before this node listened is known to the controller only."""
-        if math.isnan(self.history.newest("setpoint")):
-            self.history.add("setpoint", self._node.get_clock().now().nanoseconds * 1e-9, message.setpoint)
+    def _on_state(self, message: FopidState, info: dict[str, int]) -> None:
+        """The setpoint, where the controller has one, and when it has changed."""
+        if math.isnan(message.setpoint) or message.setpoint == self.history.newest("setpoint"):
+            return
+        stamp = message.header.stamp
+        stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec if self._by_stamps else self._arrival_ns(info)
+        self._heard("setpoint", stamp_ns * 1e-9, message.setpoint)
 
     def set_tick_hook(self, hook: Callable[[Tick], None] | None) -> None:
         """Call ``hook`` at every tick of the controller from now on, on the executor's thread; None for nobody."""
@@ -185,9 +189,6 @@ class LoopTap:
     def _repeat(self) -> None:
         if self._injection is not None:
             self.inject(self._added)
-        if self._state is not None and not math.isnan(self.history.newest("setpoint")):
-            self._node.endpoints.destroy(self._state)  # a state that nobody hears costs the controller nothing
-            self._state = None
 
     def end_injection(self) -> None:
         """Leave the loop alone: no hook, no addend; from a thread of its own."""
