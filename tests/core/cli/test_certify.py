@@ -79,3 +79,28 @@ def test_bad_input_is_one_line(arguments: tuple[str, ...], said: str) -> None:
     assert result.exit_code == 2
     assert said in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+def test_a_box_is_certified_or_a_member_that_fails_is_named() -> None:
+    gains = ("--gains", "1,1,0.2,1,1", "--ms-max", "2")
+    found = answer("K/(T*s+1)*exp(-0.25s)", *gains, "--box", "K=0.8,1.2", "--box", "T=0.8,1.2")
+    assert (found["certified"], found["certified_share"], found["counterexample"]) == (True, 1.0, None)
+    found = answer("1/(s+1)*exp(-0.25s)", *gains, "--box", "K=0.8,9", status=3)
+    assert found["certified"] is False
+    assert 0.1 < found["certified_share"] < 0.9
+    assert found["counterexample"]["K"] > 1.2
+
+
+@pytest.mark.parametrize("box", ["K", "K=1", "K=1,x", "K=2,1", "s=1,2", "T=1,nan"])
+def test_a_box_that_cannot_be_used_is_named(box: str) -> None:
+    result = run("K/(s+1)", "--gains", "1,1,0,1,1", "--box", box)
+    assert (result.exit_code, len(result.stderr.splitlines())) == (2, 1)
+    assert "box" in result.stderr
+
+
+def test_a_tuning_comes_with_its_certificate() -> None:
+    result = CliRunner().invoke(
+        main, ["tune", "rule", "2/(3s+1)*exp(-0.5s)", "--rule", "simc-pi", "--certify", "--json"]
+    )
+    found = json.loads(result.stdout)
+    assert (result.exit_code, found["certificate"]["certified"]) == (0, True)

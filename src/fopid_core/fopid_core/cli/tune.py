@@ -17,6 +17,7 @@ from fopid_core.errors import InputError
 if TYPE_CHECKING:
     from fopid_core.design.specification import Bound, TuningRequest, TuningResult
 
+certify_option = click.option("--certify", "certified", is_flag=True, help="Prove it, too; else it is no success.")
 bound_metavar = "DB@RAD_S"
 
 
@@ -67,9 +68,16 @@ def tune_group() -> None:
 @click.option("--u-max", type=float, metavar="X", help="Bound on the control at a setpoint step; 20 over the gain.")
 @click.option("--sample-time", type=float, default=0.01, show_default=True, help="Of the controller as it runs [s].")
 @click.option("--solver", default="square", show_default=True, help="square, or paper or monje for comparison.")
+@certify_option
 @as_json
 def frequency_verb(
-    process: str, phase_margin: float | None, t_max: str | None, s_max: str | None, as_json: bool, **options: Any
+    process: str,
+    phase_margin: float | None,
+    t_max: str | None,
+    s_max: str | None,
+    certified: bool,
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Meet phase margin, crossover and flat phase, and bounds on |T| and |S|."""
     from fopid_core.design.specification import TuningRequest
@@ -82,7 +90,7 @@ def frequency_verb(
         s_max=_bound("s-max", s_max),
         **options,
     )
-    _tune(request, as_json)
+    _tune(request, certified, as_json)
 
 
 @tune_group.command("time", context_settings=ARGUMENTS)
@@ -104,8 +112,9 @@ def frequency_verb(
 @click.option("--solver", default="gauss-newton", show_default=True, help="gauss-newton or nelder-mead.")
 @click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same answer.")
 @click.option("--timeout", type=float, metavar="S", help="Give the best found after this long [s].")
+@certify_option
 @as_json
-def time_verb(process: str, start: str | None, as_json: bool, **options: Any) -> None:
+def time_verb(process: str, start: str | None, certified: bool, as_json: bool, **options: Any) -> None:
     """Minimise an index of the setpoint response under bounds."""
     from fopid_core.design.specification import TuningRequest
     from fopid_core.model.fopid import read_gains
@@ -117,34 +126,49 @@ def time_verb(process: str, start: str | None, as_json: bool, **options: Any) ->
         "weights": {name: _number(name, value) for name, value in _pairs("weight", options.pop("weight"))},
     }
     begin = None if start is None else read_gains(start)
-    _tune(TuningRequest(read_process(process), method="time", start=begin, **pairs, **options), as_json)
+    _tune(TuningRequest(read_process(process), method="time", start=begin, **pairs, **options), certified, as_json)
 
 
 @tune_group.command("rule", context_settings=ARGUMENTS)
 @process_argument
 @click.option("--rule", metavar="NAME", help="valerio-1, fmigo, padula-visioli-..., simc-pi, amigo-pi, amigo-pid, ...")
 @click.option("--crossover", type=float, metavar="RAD_S", help="For dominant-poles: their natural frequency.")
+@certify_option
 @as_json
-def rule_verb(process: str, rule: str | None, crossover: float | None, as_json: bool) -> None:
+def rule_verb(process: str, rule: str | None, crossover: float | None, certified: bool, as_json: bool) -> None:
     """Read the numbers off a published rule."""
     from fopid_core.design.specification import TuningRequest
     from fopid_core.model.process import read_process
 
-    _tune(TuningRequest(read_process(process), method="rule", rule=rule, crossover=crossover), as_json)
+    _tune(TuningRequest(read_process(process), method="rule", rule=rule, crossover=crossover), certified, as_json)
 
 
-def _tune(request: TuningRequest, as_json: bool) -> None:
+def _tune(request: TuningRequest, certified: bool, as_json: bool) -> None:
     """Tune with a progress bar on stderr, write the result, leave with the exit status of the contract."""
     from fopid_core.design.tuner import tune
 
     with progress(request.method) as told:
         result = tune(request, told)
     data = _result_rows(result)
+    if certified:
+        _add_certificate(data, request, result)
     gains, achieved = data["gains"] or {}, data["achieved"] or {}
     rest = {name: value for name, value in data.items() if name not in ("gains", "achieved")}
     emit(data, [("Gains", gains), ("Achieved", achieved), ("Tuning", rest)], as_json)
-    if not result.success:
+    if not data["success"]:
         click.get_current_context().exit(CANNOT_BE_MET)
+
+
+def _add_certificate(data: dict[str, Any], request: TuningRequest, result: TuningResult) -> None:
+    """The proof of a design; without one it is no success."""
+    from fopid_core.cli.certify import certificate_rows
+    from fopid_core.design.certified_tuning import certify_tuning
+
+    found = certify_tuning(request, result)
+    data["certificate"] = None if found is None else certificate_rows(found)
+    if data["success"] and (found is None or found.certified is not True):
+        data["success"] = False
+        data["unmet"] = [*data["unmet"], f"certificate: {'no design' if found is None else found.reason}"]
 
 
 def _result_rows(result: TuningResult) -> dict[str, Any]:

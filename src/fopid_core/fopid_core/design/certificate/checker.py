@@ -103,9 +103,7 @@ class _Proof:
         bounds = enumerate(claims.pop(name) for name in ("ms_max", "mt_max", "noise_max"))
         self.bounds = [(i, _exact(bound)) for i, bound in bounds if bound is not None]
         self.band = math.inf if claims["noise_band"] is None else claims["noise_band"]
-        _require(
-            claims.keys() == {"stable", "share", "noise_band"} and claims["stable"] is True, "claims: unknown ones"
-        )
+        _require(claims.keys() == {"stable", "share", "noise_band"} and claims["stable"] is True, "claims: unknown")
         _require(self.band > 0 and all(bound > 0 for _, bound in self.bounds), "claims: a bound that is not positive")
 
     def show(self) -> None:
@@ -170,7 +168,7 @@ class _Proof:
             x, a, pairs = arb(bound) ** 2, around[i], zip(g[1:], around[i][1:], strict=True)
             slopes = [2 * (x * (g[0].conjugate() * df) - a[0].conjugate() * da).real for df, da in pairs]
             middle, all_over = (
-                x * _square(f[0]) - _square(centre[i][0]),
+                x * abs(f[0]) ** 2 - abs(centre[i][0]) ** 2,
                 arb(bound) * g[0].abs_lower() - a[0].abs_upper(),
             )
             _require(_positive(middle, slopes, radii, all_over), f"{low!r} to {high!r} rad/s: a bound may be broken")
@@ -293,10 +291,6 @@ def _values(balls: list[_Ball], size: int, log_wc: arb, t: arb, nu: arb) -> list
         for i, (coefficient, order, delay) in enumerate(b.slopes):
             total[2 + i] += factor * coefficient + value * (log_s * order - acb(0, w) * delay)
     return total
-
-
-def _square(value: acb) -> arb:
-    return value.real**2 + value.imag**2
 
 
 def _positive(middle: arb, slopes: list[arb], radii: list[arb], all_over: arb) -> bool:

@@ -1,0 +1,39 @@
+"""The certificate of a tuning: what was asked for, proved for the design that came out."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from fopid_core.design.certificate import require_ball_arithmetic
+from fopid_core.design.specification import TuningRequest, TuningResult
+from fopid_core.design.verification import EXACT
+
+if TYPE_CHECKING:
+    from fopid_core.design.certificate.prover import Certification
+
+
+def certify_tuning(request: TuningRequest, result: TuningResult) -> Certification | None:
+    """Prove that the loop of a design is stable and keeps the bounds that were asked for; None without a design.
+
+    A bound is proved with the error that a tuning is allowed to have (one part in a million).
+
+    Examples
+    --------
+    >>> from fopid_core.design.tuner import tune
+    >>> from fopid_core.model.process import read_process
+    >>> request = TuningRequest(read_process("P1"), phase_margin=1.2, crossover=0.5)
+    >>> certify_tuning(request, tune(request)).certified
+    True
+    """
+    require_ball_arithmetic()
+    from fopid_core.design.certificate.enclosure import Bounds
+    from fopid_core.design.certificate.family import Family
+    from fopid_core.design.certificate.prover import certify
+
+    if result.controller is None:
+        return None
+    asked = {name: getattr(request, name, None) for name in ("ms_max", "mt_max", "noise_max")}
+    bounds = {name: x * (1.0 + EXACT) for name, x in asked.items() if x is not None and math.isfinite(x)}
+    band = math.pi / request.sample_time if "noise_max" in bounds else None
+    return certify(Family.of(request.process), result.controller, Bounds(**bounds, noise_band=band))
