@@ -85,9 +85,10 @@ def test_a_box_is_certified_or_a_member_that_fails_is_named() -> None:
     gains = ("--gains", "1,1,0.2,1,1", "--ms-max", "2")
     found = answer("K/(T*s+1)*exp(-0.25s)", *gains, "--box", "K=0.8,1.2", "--box", "T=0.8,1.2")
     assert (found["certified"], found["certified_share"], found["counterexample"]) == (True, 1.0, None)
-    found = answer("1/(s+1)*exp(-0.25s)", *gains, "--box", "K=0.8,9", status=3)
+    found = answer("1/(s+1)*exp(-0.25s)", *gains, "--box", "K=0.8,4", status=3)
     assert found["certified"] is False
     assert 0.1 < found["certified_share"] < 0.9
+    assert found["certified_share"] + found["failed_share"] > 0.9
     assert found["counterexample"]["K"] > 1.2
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopid_core.design.certificate import require_ball_arithmetic
@@ -37,3 +38,12 @@ def certify_tuning(request: TuningRequest, result: TuningResult) -> Certificatio
     bounds = {name: x * (1.0 + EXACT) for name, x in asked.items() if x is not None and math.isfinite(x)}
     band = math.pi / request.sample_time if "noise_max" in bounds else None
     return certify(Family.of(request.process), result.controller, Bounds(**bounds, noise_band=band))
+
+
+def uncertified_reason(request: TuningRequest, result: TuningResult, ms_max: float) -> str:
+    """Why a design is not applied for want of a proof, of a bound on max |S| as well; empty when there is one."""
+    tightest = min(ms_max, math.inf if request.ms_max is None else request.ms_max)
+    found = certify_tuning(replace(request, ms_max=tightest), result)
+    if found is None:
+        return "not applied: no design to certify"
+    return "" if found.certified is True else f"not applied: no certificate (verify.certify): {found.reason}"

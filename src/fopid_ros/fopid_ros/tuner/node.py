@@ -207,6 +207,10 @@ class TunerNode(ManagedNode):
         applied = Applied(False, "")
         if request.apply:
             refused = rejection_reason(result, values["sample_time"], values["verify.ms_max"], values["verify.ticks"])
+            if values["verify.certify"] and not refused:
+                from fopid_core.design.certified_tuning import uncertified_reason
+
+                refused = uncertified_reason(wanted, result, values["verify.ms_max"])
             applied = Applied(False, refused) if refused else self._apply(result.controller)
         response.success = result.success and (applied.done or not request.apply)
         response.applied = applied.done

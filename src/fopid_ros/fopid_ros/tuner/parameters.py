@@ -32,6 +32,7 @@ SPECS = (
     Spec("timeout", 30.0, "give the best found after this long, marked unsuccessful [s]", 1e-3, 1e6),
     Spec("sample_time", 0.01, "tick of the controller that will run the gains [s]", 1e-6, 1e6),
     Spec("verify.ms_max", MS_MAX, "gains with a larger max |S| are not applied", 1.0, 1e6),
+    Spec("verify.certify", False, "gains without a proof of stability and of verify.ms_max are not applied"),
     Spec("verify.worst_ms_max", 2.5, "the same, on every process that a record leaves possible", 1.0, 1e6),
     Spec("verify.worst_phase_margin", math.radians(30.0), "least phase margin there [rad]", 0.0, math.pi),
     Spec("verify.ticks", DELAY_MARGIN_TICKS, "gains with a delay margin of fewer ticks are not applied", 0.0, 1e6),

@@ -181,7 +181,7 @@ class Subdivider:
         node.votes = [0.0] * len(node.cell)
         while stack:
             low, high = stack.pop()
-            if self._spent():
+            if self._spent() or node.broken:
                 left.append((low, high))
             elif low < self._band < high < math.inf:
                 stack += [(self._band, high), (low, self._band)]
@@ -228,12 +228,14 @@ class Subdivider:
             return []
         if attempt.broken is not None:
             node.broken.append((math.sqrt(low) * math.sqrt(high), attempt.broken))
+            left.insert(0, (low, high))  # where it is worst the parts of the cell are looked at first
         for i, drift in enumerate(attempt.drifts[1:]):
             node.votes[i] += min(drift, _MOST_VOTES)
         by_frequency, *by_parameters = attempt.drifts or (math.inf,)
         middle = _between(low, high)
-        hopeless = attempt.broken is not None or middle is None
-        if middle is None or hopeless or (by_parameters and not by_frequency > max(by_parameters)):
+        if attempt.broken is not None:
+            return []
+        if middle is None or (by_parameters and not by_frequency > max(by_parameters)):
             left.append((low, high))
             return []
         return [(middle, high), (low, middle)]
