@@ -30,6 +30,8 @@ LEAST_ORDER = 0.05
 """Of an integral and of a derivative."""
 SAFE = 3e-5
 """Share of a bound that is kept clear of in a search, for what its grids do not show."""
+SAFE_CONTROL = 1e-3
+"""The same for the control signal, which the grid of instants shows less exactly."""
 AROUND = np.array([-0.4, -0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2, 0.4])
 """Where a peak is looked at, in units of its width."""
 NOISE_BANDS = 6
@@ -223,6 +225,11 @@ class TimeProblem:
         """Peak of the control after a unit setpoint step, shape (n,), of the controller as it runs."""
         return np.asarray(np.abs(self._controls(gains)).max(axis=1))
 
+    def later_control_breaks(self, gains: Real) -> bool:
+        """Whether the control of one controller comes too near its bound after its first instants."""
+        largest = np.abs(self._controls(gains[None])[0, SMOOTHED:]).max()
+        return bool(largest > self.specification.u_max * (1.0 - SAFE_CONTROL))
+
     def final_error(self, gains: Real) -> float:
         """What is left of the error of one controller at the horizon."""
         return float(self._grid.errors(gains[None])[0, -1])
@@ -263,8 +270,8 @@ class TimeProblem:
         if math.isfinite(bounds.u_max):
             columns.append(1.0 - np.abs(first_control(gains, bounds.sample_time)) / bounds.u_max)
             if self.watch_control:
-                controls = -np.abs(self._controls(gains)) / bounds.u_max
-                columns += list(1.0 + _least_in_bands(controls, self._grid.time, BANDS).T)
+                controls = -np.abs(self._controls(gains)[:, SMOOTHED:]) / bounds.u_max
+                columns += list(1.0 - SAFE_CONTROL + _least_in_bands(controls, self._grid.time[SMOOTHED:], BANDS).T)
         if math.isfinite(bounds.noise_max):
             columns += list(math.log(bounds.noise_max) + self._noise(gains).T)
         return np.stack(columns, axis=1) - SAFE if columns else np.ones((len(gains), 1))

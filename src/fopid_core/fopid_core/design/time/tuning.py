@@ -138,7 +138,7 @@ def _first_rows(start: Fopid | None) -> Real:
 def _better_problem(problem: TimeProblem, found: Descent) -> TimeProblem | None:
     """The problem on finer grids or with an eye on what the found design breaks, if it breaks something."""
     bounds, gains = problem.specification, found.gains[None]
-    if not problem.watch_control and problem.largest_control(gains)[0] > bounds.u_max:
+    if not problem.watch_control and problem.later_control_breaks(found.gains):
         return problem.changed(watch_control=True)
     peaks = _peaks_above(problem, found)
     if peaks and len(problem.watched) < MOST_WATCHED:
