@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-import signal
 import statistics
 import sys
 import time
@@ -19,7 +18,6 @@ from rclpy.executors import Executor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rich.console import Console
 from rich.table import Table
@@ -27,7 +25,8 @@ from rich.table import Table
 from fopid_core.errors import InputError
 from fopid_msgs.msg import ScalarStamped
 from fopid_msgs.srv import Advance
-from fopid_ros.benchmarks.cpu import BareNode, node_cost
+from fopid_ros.benchmarks.cpu import BareNode, node_cost, serve
+from fopid_ros.benchmarks.idle import LISTENERS, idle_costs
 from fopid_ros.common.managed_node import loop_qos
 from fopid_ros.controller.node import ControllerNode
 from fopid_ros.experiment.child_processes import Children, command, ros_arguments
@@ -214,17 +213,23 @@ def measure(samples: int, seconds: float, console: Console) -> Table:
         cost, base = node_cost(GAINS, seconds, _until)
     name = "controller at 200 Hz, share of a core"
     table.add_row(name, f"{cost:.1%}", f"{base:.1%} (bare node with its traffic)", f"{cost / base:.2f}")
+    with console.status("measuring the nodes that listen"):
+        costs = idle_costs(GAINS, max(4.0 * seconds, 20.0), _until)
+    for name, option in LISTENERS.items():
+        ours, bare = costs[name].share, costs[option].share
+        name = f"idle {name} beside a loop at 100 Hz, share of a core"
+        table.add_row(name, f"{ours:.1%}", f"{bare:.1%} (bare listener)", f"{ours / bare:.2f}")
+    bare = costs["bare_listener"]
+    for name, one in costs.items():
+        if name in LISTENERS.values():
+            continue
+        value, base = (f"{c.resident:.0f} MB, private {c.private:.0f} MB" for c in (one, bare))
+        table.add_row(f"memory of {name}", value, f"{base} (bare node)", f"{one.resident / bare.resident:.2f}")
     return table
 
 
-def _serve(make_node: Callable[[], Node]) -> int:
-    """Another process of a measurement; its parent ends it."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    executor = EventsExecutor()
-    executor.add_node(make_node())
-    executor.spin_until_future_complete(Future(), timeout_sec=10 * PATIENCE)
-    return 0
+OTHERS: dict[str, Callable[[], Node]] = {"echo": Echo, "bare": BareNode}
+"""What another process of a measurement can be."""
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -232,11 +237,11 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="fopid_ros_benchmark", description="Measure the ROS loop.")
     parser.add_argument("--samples", type=int, default=5000, help="samples of each run (5000)")
     parser.add_argument("--seconds", type=float, default=5.0, help="length of the jitter measurements [s] (5)")
-    parser.add_argument("--echo", action="store_true", help=argparse.SUPPRESS)
-    parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
+    for option in OTHERS:
+        parser.add_argument(f"--{option}", dest="other", action="store_const", const=option, help=argparse.SUPPRESS)
     options = parser.parse_args(args)
-    if options.echo or options.bare:
-        return _serve(Echo if options.echo else BareNode)
+    if options.other:
+        return serve(OTHERS[options.other])
     console = Console()
     rclpy.init()
     try:

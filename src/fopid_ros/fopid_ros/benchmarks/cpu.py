@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from fopid_msgs.msg import FopidState, ScalarStamped
@@ -20,6 +23,7 @@ from fopid_ros.common.managed_node import loop_qos
 from fopid_ros.experiment.child_processes import Children, command, ros_arguments
 
 PERIOD = 0.005
+LONGEST = 600.0  # [s] what another process of a measurement may run
 _TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -72,6 +76,16 @@ def cpu_seconds(process_id: int) -> float:
     """Processor time that a process has used, of all its threads [s]."""
     fields = Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / _TICKS
+
+
+def serve(make_node: Callable[[], Node]) -> int:
+    """Be another process of a measurement; its parent ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    executor = EventsExecutor()
+    executor.add_node(make_node())
+    executor.spin_until_future_complete(Future(), timeout_sec=LONGEST)
+    return 0
 
 
 def node_cost(

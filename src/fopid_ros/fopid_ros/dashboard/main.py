@@ -16,7 +16,6 @@ from rclpy.exceptions import InvalidNamespaceException, InvalidNodeNameException
 from rclpy.executors import Executor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
@@ -85,8 +84,10 @@ def page_address(host: str, port: int, token: str | None) -> str:
 async def _spin(executor: Executor) -> None:
     """Serve ROS between the requests: all in one thread, so that nothing needs a lock."""
     while True:
-        # Each look adds a callback to its future: a new one each time, lest the list grows for ever.
-        executor.spin_until_future_complete(Future(), timeout_sec=0.0)
+        # spin_until_future_complete would keep 32 bytes of each of its calls, 5 MB an hour.
+        waiting = executor.create_task(lambda: None)  # comes behind all that is waiting now
+        while not waiting.done():
+            executor.spin_once(timeout_sec=0.0)
         await asyncio.sleep(SLICE)
 
 
