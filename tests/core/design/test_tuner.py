@@ -217,12 +217,12 @@ def test_what_a_method_cannot_use_is_refused(request_: TuningRequest, message: s
     ],
 )
 def test_a_success_keeps_every_bound_at_every_frequency(process: str, options: dict[str, float]) -> None:
-    """By brute force on half a million frequencies, many of them about the resonance at 1 rad/s."""
+    """By brute force on eighty thousand frequencies, many of them about the resonance at 1 rad/s."""
     request = TuningRequest(read_process(process), method="time", **options)  # type: ignore[arg-type]
     result = tune(request)
     assert result.success, result.unmet
     assert result.controller is not None
-    w = np.concatenate([np.geomspace(1e-5, 1e5, 400_001), 1.0 + np.linspace(-0.01, 0.01, 100_001)])
+    w = np.concatenate([np.geomspace(1e-5, 1e5, 60_001), 1.0 + np.linspace(-0.01, 0.01, 20_001)])
     loop = result.controller(1j * w) * request.process(1j * w)
     assert np.max(1.0 / np.abs(1.0 + loop)) <= (request.ms_max or 1.6) * (1.0 + 1e-6)
     inside = w < math.pi / request.sample_time
