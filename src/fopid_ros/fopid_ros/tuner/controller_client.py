@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any
 
 from rclpy.node import Node
@@ -70,8 +71,15 @@ class ControllerClient:
         """The gains in force."""
         return Fopid(*self.get(*GAINS))
 
-    def apply(self, gains: Fopid) -> Fopid:
+    def apply(self, gains: Fopid, status: str = "") -> Fopid:
         """Hand over the gains: the controller swaps them between two ticks; the gains before.
+
+        Parameters
+        ----------
+        gains : Fopid
+        status : str
+            ``verified``, or ``trial`` for gains that a controller which is started again must not begin with. Empty
+            for gains that were in force before: the controller knows what they are.
 
         Raises
         ------
@@ -81,11 +89,18 @@ class ControllerClient:
             If it does not answer before, or refuses them.
         """
         previous = self.gains()
-        changes = {**dict(zip(GAINS, gains.gains, strict=True)), "gains.origin": self._origin}
-        parameters = [Parameter(name, value=value) for name, value in changes.items()]
+        provenance = {"gains.status": status, "gains.origin": self._origin} if status else {}
+        self._set({**dict(zip(GAINS, gains.gains, strict=True)), **provenance}, previous)
+        return previous
+
+    def confirm(self) -> None:
+        """The gains that were on trial hold the loop; raises as ``apply`` does."""
+        self._set({"gains.status": "verified"}, self.gains())
+
+    def _set(self, values: Mapping[str, float | str], previous: Fopid) -> None:
+        parameters = [Parameter(name, value=value) for name, value in values.items()]
         answer = self._background.result(lambda: self._client.set_parameters_atomically(parameters), ANSWER_TIME)
         if answer is None:
             raise UnconfirmedError(f"{self.name!r} did not confirm", previous)
         if not answer.result.successful:
             raise InputError(f"{self.name!r} refused: {answer.result.reason}")
-        return previous

@@ -225,7 +225,7 @@ class TunerNode(ManagedNode):
 
     def _apply(self, gains: Fopid) -> Applied:
         try:
-            return Applied(True, "applied", self._controller.apply(gains))
+            return Applied(True, "applied", self._controller.apply(gains, "verified"))
         except InputError as error:
             return Applied(False, f"not applied: {error}")
 

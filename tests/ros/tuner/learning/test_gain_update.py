@@ -33,6 +33,7 @@ class Running:
     def __init__(self, measurement: Loop, cancelled_at: float = math.inf) -> None:
         self.history = History(10.0)
         self.applied: list[Fopid] = []
+        self.statuses: list[str] = []
         self.stages: list[Stage] = []
         self._measurement, self._cancelled_at = measurement, cancelled_at
         self._hook: Callable[[Tick], None] | None = None
@@ -40,10 +41,14 @@ class Running:
     def set_tick_hook(self, hook: Callable[[Tick], None] | None) -> None:
         self._hook = hook
 
-    def apply(self, gains: Fopid) -> Fopid:
+    def apply(self, gains: Fopid, status: str = "") -> Fopid:
         before = self.applied[-1] if self.applied else OLD
         self.applied.append(gains)
+        self.statuses.append(status)
         return before
+
+    def confirm(self) -> None:
+        self.statuses.append("verified")
 
     def report(self, stage: Stage) -> None:
         self.stages.append(stage)
@@ -105,6 +110,7 @@ def test_gains_under_which_the_loop_stays_as_good_are_kept(learnt: Identificatio
     assert tried.applied
     assert tried.previous == OLD
     assert running.applied == [outcome.tuned.tuning.controller]
+    assert running.statuses == ["trial", "verified"]  # until it is over, a restart must not begin with them
     assert running.stages[-1].phase == "watching"
 
 
@@ -121,6 +127,7 @@ def test_the_old_gains_are_back_when_the_loop_got_worse(learnt: IdentificationRe
     assert not tried.applied
     assert tried.rolled_back
     assert running.applied == [outcome.tuned.tuning.controller, OLD]
+    assert running.statuses == ["trial", ""]
     assert "the previous gains are back, since the loop got worse" in tried.message
 
 

@@ -158,7 +158,7 @@ class GainUpdate:
             raise InputError("a tuning without gains; allowed: one that succeeded")
         self._wait.report(Stage("applying", 0.75, message=str(design.controller)))
         try:
-            self._previous_gains = self._client.apply(design.controller)
+            self._previous_gains = self._client.apply(design.controller, "trial")
         except UnconfirmedError as error:  # they may have been taken: taking back must not depend on it
             self._previous_gains = error.previous
             raise
@@ -168,6 +168,7 @@ class GainUpdate:
         watch = self._watch(PerformanceMonitor(before, settings, self._controller.sample_time), outside)
         applied = replace(outcome, applied=True, previous=self._previous_gains)
         if watch.verdict != "worse":
+            self._client.confirm()
             return replace(applied, message=f"{outcome.message}; applied and watched: {watch.reason}")
         self.roll_back()
         return replace(applied, success=False, applied=False, rolled_back=True,
