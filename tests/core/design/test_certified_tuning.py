@@ -23,5 +23,5 @@ def test_a_design_that_breaks_a_bound_or_is_unstable_is_not_applied() -> None:
     result = tune(REQUEST)
     assert uncertified_reason(REQUEST, result, 4.0) == ""
     assert "max |S| is above 1.2" in uncertified_reason(REQUEST, result, 1.2)
-    assert "unstable" in uncertified_reason(REQUEST, replace(result, controller=Fopid(100.0)), 4.0)
+    assert "no certificate" in uncertified_reason(REQUEST, replace(result, controller=Fopid(100.0)), 4.0)
     assert "no design" in uncertified_reason(REQUEST, replace(result, controller=None), 4.0)

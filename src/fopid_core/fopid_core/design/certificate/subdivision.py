@@ -142,7 +142,8 @@ class Subdivider:
                 break
             _, _, node = heapq.heappop(heap)
             self._work(node)
-            if counterexample is None and (node.broken or node.zeros):
+            member = family.region != BALL or sum(x * x for x in node.middle) <= 1.0
+            if counterexample is None and member and (node.broken or node.zeros):
                 counterexample = node
             if node.state in volumes:
                 volumes[node.state] += node.volume
