@@ -21,6 +21,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
 from fopid_msgs.msg import FopidState, ScalarStamped
+from fopid_msgs.srv import Advance
 
 from .conftest import BIN, Graph, LockstepLoop
 from .node_process import MODULES
@@ -210,3 +211,21 @@ def test_gains_that_are_accepted_are_logged_from_old_to_new_with_who_set_them(gr
     assert len(lines) == 2
     assert "gains from 1 + 0 s^-1 + 0 s^1 to 2 + 0 s^-1 + 0 s^1, set by: a client that does not say" in lines[0]
     assert "to 2 + 0.5 s^-1 + 0 s^1, set by: by hand, by Ada" in lines[1]
+
+
+def test_advance_is_answered_when_the_loop_is_there_or_stands(graph: Graph) -> None:
+    loop = LockstepLoop(graph, "P1", {"kp": 1.0}, controller={"setpoint.initial": 1.0})
+    answer = graph.call(Advance, "plant_simulator/advance", Advance.Request(until=3.0))
+    assert (answer.success, answer.message, answer.time) == (True, "reached", 3.0)
+    graph.until(lambda: len(loop.measurements) == 300, "its samples")
+    past = graph.call(Advance, "plant_simulator/advance", Advance.Request(until=1.0))
+    assert "allowed: the present time 3 s or later" in past.message
+    loop.controller.terminate()
+    assert loop.controller.wait(10) == 0
+    farther = graph.client(Advance, "plant_simulator/advance").call_async(Advance.Request(until=9.0))
+    graph.spin(0.5)
+    assert not farther.done()
+    nearer = graph.client(Advance, "plant_simulator/advance").call_async(Advance.Request(until=5.0))
+    assert graph.result(farther).message == "another request has the loop stop at 5 s"
+    assert not graph.result(nearer).success
+    assert nearer.result().message == "the loop stands at 3 s: is there a controller?"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -429,8 +430,20 @@ class ControllerNode(ManagedNode):
         return response
 
 
+def ask_promptly_for_what_was_missed() -> None:
+    """Before ROS starts: a setpoint that is published once by a process that then ends is not to be missed.
+
+    Only Fast DDS reads this; a user's own profile file stands.
+    """
+    names = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # of older and of newer releases
+    if not any(name in os.environ for name in names):
+        file = Path(__file__).with_name("prompt_readers.xml")
+        os.environ.update(dict.fromkeys(names, str(file)))
+
+
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``fopid_controller``."""
+    ask_promptly_for_what_was_missed()
     return run(ControllerNode, args)
 
 

@@ -228,10 +228,13 @@ class ExperimentNode(Node):
 
     def _advance_until(self, sample: int, progress: Progress) -> None:
         last, last_moved = -1.0, time.monotonic()
-        end = sample * self._period_ns
+        end, until = sample * self._period_ns, -1.0
         while True:
             # Never further ahead of the recorder than the publishers can remember.
-            until = min(end, self.recorded() + LEAD * self._period_ns)
+            recorded = min(self.recorded(), max(last * NS, self._sample * self._period_ns))
+            before, until = until, min(end, recorded + LEAD * self._period_ns)
+            if until == before:
+                self.spin(SLICE)
             request = Advance.Request(until=until / NS)
             answer = self._call(partial(self._advance.call_async, request), "plant_simulator")
             progress(answer.time)
@@ -244,7 +247,6 @@ class ExperimentNode(Node):
                 raise InputError(
                     f"the loop stands still at {answer.time:g} s, {answer.message}: does the controller answer?"
                 )
-            self.spin(SLICE)
 
     def _run_realtime(self, end: int, progress: Progress) -> None:
         """Publish each change when its time has come; of several that are due, the newest."""

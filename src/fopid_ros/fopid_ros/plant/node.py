@@ -20,10 +20,12 @@ from std_srvs.srv import Trigger
 from fopid_core.model.process import read_process
 from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_msgs.srv import Advance
+from fopid_ros.common.background import Later
 from fopid_ros.common.managed_node import TIMING, ManagedNode, loop_qos, run, take_pending_messages
 from fopid_ros.common.parameters import Spec
 from fopid_ros.common.pending_values import PendingValues
 from fopid_ros.common.signals import SignalType, signal_specs
+from fopid_ros.plant.advances import Advances
 
 SPECS = (
     Spec("process", "P1", "P1 ... P4, a transfer function in s as text, or a YAML file", read_only=True),
@@ -43,6 +45,8 @@ SPECS = (
     *signal_specs("disturbance"),
     *signal_specs("measurement"),
 )
+
+STANDING_TIME = 5.0  # wall time [s] without a sample after which who waits for one is told so
 
 RESEND_AFTER = 0.2  # wall time [s] without an answer in lockstep after which the measurement is sent again
 
@@ -70,7 +74,8 @@ class PlantSimulator(ManagedNode):
         self._half_period = 0.5e-9 * self._period_ns
         self._control = self._disturbance = 0.0
         self._pending = PendingValues()
-        self._sample = 0
+        self._advances = Advances(self.background)
+        self._sample = self._sample_before = self._standing = 0
         self._refused = 0
         self.timer: Timer | None = None
         self._create_endpoints(values)
@@ -88,7 +93,7 @@ class PlantSimulator(ManagedNode):
         )
         self.create_subscription(types["control"].message_type, "control", self._on_control, qos)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(Advance, "~/advance", self._on_advance)
+        self.background.may_answer_later(self.create_service(Advance, "~/advance", self._on_advance))
         self._clock_message = ClockMessage()
         self._clock_published = 0.0
         owns_clock = self._lockstep and values["publish_clock"]
@@ -137,6 +142,7 @@ class PlantSimulator(ManagedNode):
         if self.timer is not None:
             self.destroy_timer(self.timer)
             self.timer = None
+        self._advances.answer(self.time, -math.inf, "the plant was deactivated")
         return super().on_deactivate(state)
 
     # Lockstep: y_k is answered by u_k, stamped alike; the answer makes y_(k+1).
@@ -152,6 +158,10 @@ class PlantSimulator(ManagedNode):
             self._send()
         self._sent_since = False
         self._publish_clock()  # for who comes late, while the loop stands
+        self._standing = self._standing + 1 if self._sample == self._sample_before else 0
+        self._sample_before = self._sample
+        if self._standing * RESEND_AFTER > STANDING_TIME:
+            self._advances.answer(self.time, -math.inf, f"the loop stands at {self.time:g} s: is there a controller?")
 
     def _step_lockstep(self, stamp_ns: int | None) -> None:
         current = self._sample * self._period_ns
@@ -164,6 +174,8 @@ class PlantSimulator(ManagedNode):
         self._sample += 1
         self._send()
         self._publish_clock()
+        if self.time + self._half_period >= self._advances.next_time:
+            self._advances.answer(self.time, self.time + self._half_period)
 
     def _publish_clock(self) -> None:
         """Often enough for people and timers, not at every sample: each reader pays for each message."""
@@ -177,18 +189,24 @@ class PlantSimulator(ManagedNode):
 
     def _advance_until(self, until: float) -> None:
         was_open, self._until = self._gate_open, until
+        if self._advances.next_time < math.inf:
+            self._advances.limit(self.time, until)
         if self._lockstep and not was_open:
             self._send()
 
-    def _on_advance(self, request: Advance.Request, response: Advance.Response) -> Advance.Response:
+    def _on_advance(self, request: Advance.Request, response: Advance.Response) -> Advance.Response | Later:
+        """Answered when that time is reached, or when the loop stands."""
         if not self._lockstep:
             response.message = "trigger = 'realtime'; advancing is for trigger = 'lockstep'"
         elif math.isnan(request.until) or request.until < self.time - self._half_period:
             response.message = f"until = {request.until}; allowed: the present time {self.time:g} s or later"
         else:
             self._advance_until(request.until)
+            if self._gate_open and self.timer is not None:
+                self._standing = 0
+                return self._advances.add(request.until, response)
             response.success = not self._gate_open
-            response.message = "reached" if response.success else "on the way"
+            response.message = "reached" if response.success else "the plant is not active"
         response.time = self.time
         return response
 
@@ -222,6 +240,7 @@ class PlantSimulator(ManagedNode):
         )
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._advances.answer(self.time, -math.inf, "the plant was reset")
         self._plant.reset()
         self._pending = PendingValues()
         self._sample = 0
