@@ -16,7 +16,7 @@ case $name in
   .venv-jazzy) lock=requirements-jazzy.txt wheels=build/wheels-jazzy wanted=python3.12 ;;
   *) echo "make venv: environment '$name'; allowed: .venv, .venv-jazzy" >&2 && exit 2 ;;
 esac
-shared_files=(src/fopid_ros/launch/*.launch.* config/**/*.yaml layouts/*)
+shared_files=(src/fopid_ros/launch/*.launch.* src/fopid_ros/config/**/*.yaml src/fopid_ros/layouts/*)
 mkdir -p build
 
 say() { printf '[%s] %s\n' "${name#.}" "$*"; }

@@ -56,14 +56,13 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
         *shared("launch", "*.launch.*"),
-        # `config` and `layouts` are links to the repository's own folders of these names.
         *shared("config", "*.yaml"),
         *shared("layouts", "*.*"),
     ],
     zip_safe=False,
     # What comes with ROS 2 (rclpy, the messages) is in package.xml.
-    install_requires=["fopid_core", "numpy", "pyyaml", "tornado"],
-    extras_require={"test": ["pytest"]},
+    install_requires=["fopid_core[experiments]", "numpy>=1.26,<3", "pyyaml>=6.0,<7", "rich>=13.7", "tornado>=6.4,<7"],
+    extras_require={"bags": ["fopid_core[bags,plots]"], "test": ["pytest"]},
     entry_points={
         "console_scripts": [f"{executable} = {name}.{module}:main" for executable, module in EXECUTABLES.items()]
     },

@@ -57,7 +57,6 @@ LINES = (
     "report sqlite3",
     "repair mcap",
     "campaign campaign.yaml --workers 1",
-    "benchmark --quick",
     "reproduce --out paper",
 )
 
@@ -82,10 +81,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_verb_has_its_line() -> None:
-    assert {line.split()[0] for line in LINES} == set(main.commands)
+    """All but ``benchmark``, which has tests of its own and measures only the machine it is on."""
+    assert {line.split()[0] for line in LINES} | {"benchmark"} == set(main.commands)
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("line", LINES)
 def test_the_verb_does_its_work_and_says_nothing_on_stderr(folder: Path, line: str) -> None:
     done = subprocess.run([FOPID, *line.split(), "--json"], cwd=folder, capture_output=True, text=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from fopid_core import safe_yaml
 from fopid_core.cli.options import ARGUMENTS, as_json
 from fopid_core.cli.output import emit
 from fopid_core.errors import InputError
@@ -83,11 +84,9 @@ def _typed(gains: str | None, limits: str | None, more: tuple[str, ...]) -> dict
 
 def _from_file(path: Path) -> dict[str, Any]:
     """What a ROS parameter file says of the one node that has gains."""
-    import yaml
-
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
+        content = safe_yaml.load(safe_yaml.read_text(path))
+    except (OSError, ValueError) as error:
         raise InputError(f"params {path}: {' '.join(str(error).split())}") from None
     nodes = content.values() if isinstance(content, dict) else ()
     found = [node["ros__parameters"] for node in nodes if isinstance(node, dict) and "ros__parameters" in node]

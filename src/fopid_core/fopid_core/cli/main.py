@@ -18,6 +18,7 @@ import click
 from fopid_core.cli.campaign import campaign_verb
 from fopid_core.cli.certify import certify_verb
 from fopid_core.cli.export import export_verb
+from fopid_core.cli.extras import missing
 from fopid_core.cli.identify import identify_verb
 from fopid_core.cli.options import ARGUMENTS, BAD_INPUT, Verbs, as_json, process_argument
 from fopid_core.cli.output import emit
@@ -48,6 +49,12 @@ class OneLineErrors(Verbs):
         except (InputError, click.ClickException) as error:
             message = error.format_message() if isinstance(error, click.ClickException) else str(error)
             click.echo(f"fopid: {' '.join(message.split())}", err=True)
+            sys.exit(BAD_INPUT)
+        except ModuleNotFoundError as error:
+            line = missing(error)
+            if line is None:
+                raise
+            click.echo(f"fopid: {line}", err=True)
             sys.exit(BAD_INPUT)
         except click.Abort:
             sys.exit(130)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fopid_core import safe_yaml
 from fopid_core.errors import ExpressionError, InputError
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.expression import read_quotient
@@ -249,12 +250,7 @@ def read_process(source: str) -> Process:
 
 
 def _read_process_file(path: Path) -> Process:
-    import yaml  # only files need it, and the controller's path must stay light
-
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"process file {str(path)!r} cannot be read: {' '.join(str(error).split())}") from None
+    content = safe_yaml.read(path, "process file")
     text = content.get("process") if isinstance(content, dict) else None
     if not isinstance(text, str):
         raise InputError(f"process file {str(path)!r} has no text under the key 'process'")

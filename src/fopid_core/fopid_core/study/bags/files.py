@@ -36,6 +36,9 @@ REPAIRED = "repaired"
 """Entry of the custom data of a bag that was cut off and has been mended."""
 
 COMPRESSED = ".zstd"
+_DENSEST = 200  # a recording shrinks 3 to 30 times: its stamps differ
+_ALWAYS = 100_000_000  # [bytes]
+_WINDOW = 2**27  # [bytes], what zstd itself takes without being asked
 _ZSTD = bytes.fromhex("28b52ffd")  # how all that is compressed begins
 
 UNREADABLE = (
@@ -136,9 +139,25 @@ def is_compressed(message: bytes) -> bool:
 
 
 def decompress(file: Path, plain: Path) -> None:
-    """Write what a compressed file holds."""
-    with file.open("rb") as source, plain.open("wb") as out:
-        zstandard.ZstdDecompressor().copy_stream(source, out)
+    """Write what a compressed file holds.
+
+    Raises
+    ------
+    InputError
+        If it holds more than a recording can be pressed into so few bytes; what was written of it is removed.
+    """
+    most = max(_ALWAYS, _DENSEST * file.stat().st_size)
+    written = 0
+    try:
+        with file.open("rb") as source, plain.open("wb") as out:
+            for part in zstandard.ZstdDecompressor(max_window_size=_WINDOW).read_to_iter(source):
+                written += len(part)
+                if written > most:
+                    raise InputError(f"{file.name!r} holds more than {most:,} bytes; allowed: up to that for its size")
+                out.write(part)
+    except (InputError, OSError, zstandard.ZstdError):
+        plain.unlink(missing_ok=True)
+        raise
 
 
 def is_whole(file: Path) -> bool:

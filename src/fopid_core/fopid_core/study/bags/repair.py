@@ -53,9 +53,7 @@ def repair(folder: Path) -> Content:
     Raises
     ------
     InputError
-        If it is no folder with files of a bag, or one of them is damaged from the start.
-    OSError
-        If the disk refuses.
+        If it is no folder with files of a bag, one of them is damaged from the start, or the disk refuses.
 
     Examples
     --------
@@ -79,11 +77,8 @@ def repair(folder: Path) -> Content:
                 if not kept:
                     raise
                 kept = repair_file(files[-1], at_most=kept - 1)
-    except _DAMAGED as error:
+    except UNREADABLE as error:
         raise InputError(f"bag {str(folder)!r} cannot be repaired: {one_line(error)}") from None
-
-
-_DAMAGED = tuple(kind for kind in UNREADABLE if kind is not OSError)
 
 
 def _plain(file: Path) -> Path:

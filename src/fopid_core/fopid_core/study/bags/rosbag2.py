@@ -15,6 +15,8 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from fopid_core import safe_yaml
+
 METADATA_FILE = "metadata.yaml"
 FORMAT_VERSION = 9
 UNLIMITED = QosTime(2147483647, 4294967295)
@@ -191,7 +193,7 @@ def read_file_names(folder: Path) -> list[str]:
 
 def _read(folder: Path, entry: str) -> Any:
     try:
-        loaded = yaml.safe_load((folder / METADATA_FILE).read_text(encoding="utf-8"))
+        loaded = safe_yaml.load(safe_yaml.read_text(folder / METADATA_FILE))
         return loaded["rosbag2_bagfile_information"][entry]
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -15,6 +15,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_typ
 
 import yaml
 
+from fopid_core import safe_yaml
 from fopid_core.errors import InputError
 
 Place = tuple[str | int, ...]
@@ -86,7 +87,9 @@ def read_yaml(path: Path, kind: type[T], what: str, then: Callable[[T], T] = lam
     """
     lines: dict[Place, int] = {}
     try:
-        content = _content(path.read_text(encoding="utf-8"), lines)
+        text = safe_yaml.read_text(path)
+        safe_yaml.check(text)
+        content = _content(text, lines)
         return then(bind(kind, content))
     except SchemaError as error:
         known = next(error.place[:n] for n in range(len(error.place), -1, -1) if error.place[:n] in lines)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from fopid_core import safe_yaml
 from fopid_core.design.specification import Achieved
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
@@ -119,8 +119,8 @@ class Run:
     def experiment(self) -> Mapping[str, Any]:
         """The experiment's file as plain data; empty when the bag has none that can be read."""
         try:
-            content = yaml.safe_load(self.metadata.get("experiment", ""))
-        except yaml.YAMLError:
+            content = safe_yaml.load(self.metadata.get("experiment", ""))
+        except InputError:
             return {}
         return content if isinstance(content, dict) else {}
 
