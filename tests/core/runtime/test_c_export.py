@@ -116,6 +116,15 @@ def test_its_own_example_compiles_and_closes_the_loop(tmp_path: Path) -> None:
     assert float(last.split("measurement ")[1].split(",")[0]) == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler")
+@pytest.mark.parametrize("standard", ["c++11", "c++20"])
+def test_it_is_cplusplus_as_well(standard: str, tmp_path: Path) -> None:
+    write(tmp_path, ControllerSettings(Fopid(2.0, 1.0, 0.5, 0.9, 0.7)))
+    command = ["c++", f"-std={standard}", "-Wall", "-Werror", "-x", "c++", "loop_test.c", "-o", "cplusplus"]
+    subprocess.run(command, cwd=tmp_path, check=True, timeout=60)
+    assert subprocess.run([tmp_path / "cplusplus"], check=False, timeout=60).returncode == 0
+
+
 def test_an_input_that_is_not_finite_is_a_hold(tmp_path: Path) -> None:
     write(tmp_path, CONTROLLERS["limits"])
     (tmp_path / "main.c").write_text(

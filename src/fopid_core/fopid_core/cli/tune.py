@@ -152,9 +152,10 @@ def _tune(request: TuningRequest, certified: bool, as_json: bool) -> None:
     data = _result_rows(result)
     if certified:
         _add_certificate(data, request, result)
-    gains, achieved = data["gains"] or {}, data["achieved"] or {}
-    rest = {name: value for name, value in data.items() if name not in ("gains", "achieved")}
-    emit(data, [("Gains", gains), ("Achieved", achieved), ("Tuning", rest)], as_json)
+    parts = {"gains": "Gains", "achieved": "Achieved", "running": "As it runs"}
+    rest = {name: value for name, value in data.items() if name not in parts}
+    tables = [(title, data[name]) for name, title in parts.items() if data[name]]
+    emit(data, [*tables, ("Tuning", rest)], as_json)
     if not data["success"]:
         click.get_current_context().exit(CANNOT_BE_MET)
 
@@ -181,6 +182,7 @@ def _result_rows(result: TuningResult) -> dict[str, Any]:
         "method": result.method,
         "gains": None if result.controller is None else asdict(result.controller),
         "achieved": achieved,
+        "running": _running_rows(result),
         "stable": result.stable,
         "unstable_poles": result.unstable_poles if result.unstable_poles >= 0 else None,
         "unmet": list(result.unmet),
@@ -189,6 +191,15 @@ def _result_rows(result: TuningResult) -> dict[str, Any]:
         "evaluations": result.evaluations,
         "elapsed_s": result.elapsed,
     }
+
+
+def _running_rows(result: TuningResult) -> dict[str, Any] | None:
+    """What the sampled, held loop does; the key ``running`` of the contract."""
+    if result.running is None:
+        return None
+    rows = asdict(result.running)
+    margin, gain = rows.pop("phase_margin"), rows.pop("gain_margin")
+    return {**rows, "phase_margin_deg": math.degrees(margin), "gain_margin_db": 20.0 * math.log10(gain)}
 
 
 def _radians(degrees: float) -> float:

@@ -69,7 +69,7 @@ static inline int ${name}_usable(${name}_real value)
 /* Forget the past; limits and mode stay. */
 static inline void ${name}_reset(${name}_state *c)
 {
-    static const ${name}_state nothing;
+    static const ${name}_state nothing = {0};
     const ${name}_real low = c->control_min, high = c->control_max, step = c->control_step;
     const int manual = c->manual;
     *c = nothing;

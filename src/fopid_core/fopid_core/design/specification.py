@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from fopid_core.design.sampled_loop import Running
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
@@ -282,6 +283,8 @@ class TuningResult:
         [s]
     at_edge : tuple of str
         Numbers that end on the edge of their range: a better design may lie beyond it.
+    running : Running or None
+        What the loop does as it runs: sampled, held, with the controller's filter bank. None without a stable design.
     """
 
     success: bool
@@ -296,6 +299,7 @@ class TuningResult:
     evaluations: int
     elapsed: float
     at_edge: tuple[str, ...] = ()
+    running: Running | None = None
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
+from fopid_core.design.sampled_loop import running
 from fopid_core.design.specification import (
     Achieved,
     Bound,
@@ -112,4 +113,7 @@ def _verified(request: TuningRequest, proposal: Proposal) -> TuningResult:
     named = [check for check in broken if not any(text.startswith(check.asked) for text in proposal.unmet)]
     unmet = (*proposal.unmet, *(str(check) for check in named))
     measured = achieved(loop, request.t_max, request.s_max)
-    return replace(found, success=not unmet, controller=proposal.controller, achieved=measured, unmet=unmet)
+    as_it_runs = running(request.process, proposal.controller, request.sample_time)
+    return replace(
+        found, success=not unmet, controller=proposal.controller, achieved=measured, unmet=unmet, running=as_it_runs
+    )

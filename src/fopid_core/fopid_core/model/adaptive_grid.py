@@ -48,7 +48,7 @@ def refine(curve: Callable[[Floats], Complexes], z: Floats) -> tuple[Floats, Com
     return z, values
 
 
-def roots(curve: Callable[[Floats], Floats], left: Floats, right: Floats) -> Floats:
+def roots(curve: Callable[[Floats], Floats], left: Floats, right: Floats, tolerance: float = _ROOT) -> Floats:
     """Where a curve passes through zero, one root in each bracket: Ridders' method.
 
     Parameters
@@ -57,6 +57,8 @@ def roots(curve: Callable[[Floats], Floats], left: Floats, right: Floats) -> Flo
         From z, shape (m,), to values, shape (m,).
     left, right : ndarray, shape (n,)
         Between which it changes its sign.
+    tolerance : float
+        Width of a bracket, relative, at which its middle is the root.
 
     References
     ----------
@@ -85,7 +87,7 @@ def roots(curve: Callable[[Floats], Floats], left: Floats, right: Floats) -> Flo
         at = np.argmax(np.sign(values[:-1]) != np.sign(values[1:]), axis=0)
         every = np.arange(left.size)
         left, right, low, high = points[at, every], points[at + 1, every], values[at, every], values[at + 1, every]
-        if np.all(right - left <= _ROOT * np.maximum(np.abs(left), 1.0)):
+        if np.all(right - left <= tolerance * np.maximum(np.abs(left), 1.0)):
             break
     zero: Floats = np.where(low == 0.0, left, np.where(high == 0.0, right, 0.5 * (left + right)))
     return zero

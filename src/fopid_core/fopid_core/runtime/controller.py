@@ -73,6 +73,11 @@ class FopidController:
         self.reset()
 
     @property
+    def operators(self) -> Operators:
+        """What integrates and differentiates."""
+        return self._operators
+
+    @property
     def settings(self) -> ControllerSettings:
         """The settings in force."""
         return self._settings
