@@ -110,5 +110,13 @@ class Reader:
             self.read()
 
     def close(self) -> None:
-        self._socket.close()
+        """Say goodbye and hear the server's, within the loop: outside of one tornado would look for another's."""
+
+        async def goodbye() -> None:
+            self._socket.close()
+            while await self._socket.read_message() is not None:
+                pass
+
+        if self.closed is None:
+            self._wait(goodbye)
         self._loop.close()
