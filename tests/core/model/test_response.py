@@ -286,7 +286,7 @@ def test_without_a_number_of_points_the_times_rise_from_zero_to_the_horizon() ->
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        ({"horizon": 0.0}, "horizon = 0.0; allowed: a positive"),
+        ({"horizon": 0.0}, "horizon = 0.0; allowed: 1e-12"),
         ({"horizon": math.nan}, "horizon = nan"),
         ({"horizon": 10.0, "source": "noise"}, "source = 'noise'; allowed: setpoint, load"),
         ({"horizon": 10.0, "points": 1}, "points = 1; allowed: at least 2"),

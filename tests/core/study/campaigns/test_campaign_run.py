@@ -64,6 +64,7 @@ def test_every_run_is_a_row_with_what_went_in_and_what_came_out(results: pa.Tabl
         assert (row["asked_crossover"], row["method"]) == (
             (0.3, "frequency") if row["design"] == "tuned" else (None, None)
         )
+    for row in rows(results)[::7]:
         loop = Loop(
             varied(read_process(row["process"]), row["gain"], row["time_scale"], row["delay"]),
             Fopid(*(row[name] for name in ("kp", "ki", "kd", "lam", "mu"))),

@@ -19,6 +19,12 @@ DELAYS = 12.0
 """Or in delays of the process, if that is longer."""
 
 
+SETTLED = 0.02
+"""Of the setpoint step: an error at the horizon that is worth a word."""
+IDLE = 0.5
+"""A larger one: the bounds leave nothing but controllers that hardly act, and that is no success."""
+
+
 def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -> Proposal:
     """The controller with the best index for a request."""
     specification = _specification(request)
@@ -33,14 +39,17 @@ def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -
         horizon=specification.horizon,
     )
     if design is None:
-        unmet = ("stability: none of the controllers drawn is stable; a stable start may help",)
-        return Proposal(None, unmet, message, math.nan, 0, bounds)
-    if abs(design.final_error) > 0.02:
-        message += f"; the error does not die out: {design.final_error:.3g} is left at the horizon"
+        unstable = ("stability: none of the controllers drawn is stable; a stable start may help",)
+        return Proposal(None, unstable, message, math.nan, 0, bounds)
+    left = f"{design.final_error:.3g} is left at the horizon"
+    if abs(design.final_error) > SETTLED:
+        message += f"; the error does not die out: {left}"
     if design.at_edge:
         message += f"; on the edge of its range: {', '.join(design.at_edge)}"
-    hopeless = _hopeless(request.process, specification)
-    return Proposal(design.controller, hopeless, message, design.cost, design.evaluations, bounds, design.at_edge)
+    unmet = _hopeless(request.process, specification)
+    if abs(design.final_error) > IDLE:
+        unmet = (*unmet, f"a controller that acts: of the setpoint step {left}")
+    return Proposal(design.controller, unmet, message, design.cost, design.evaluations, bounds, design.at_edge)
 
 
 def _specification(request: TuningRequest) -> TimeSpecification:
