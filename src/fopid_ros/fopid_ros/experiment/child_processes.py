@@ -19,7 +19,7 @@ STOP_TIME = 8.0
 """How long a child may take to end in good order [s]."""
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
     """In the child: be told to stop when the parent is gone, even if it was killed outright."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
@@ -66,7 +66,7 @@ class Children:
             stdin=subprocess.DEVNULL,
             env={**os.environ, **(environment or {})},
             start_new_session=True,
-            preexec_fn=_die_with_parent,  # the parent has one thread when it starts children
+            preexec_fn=die_with_parent,  # the parent has one thread when it starts children
         )
         self._running.append((name, process))
 

@@ -27,9 +27,10 @@ from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningRes
 from fopid_ros.common.managed_node import check_domain, latched_qos
 from fopid_ros.common.shared_memory import remove_abandoned_segments
 from fopid_ros.experiment.node import ExperimentNode, StopRequestedError, ask_for_prompt_acknowledgements
-from fopid_ros.experiment.recorder import Recorder
+from fopid_ros.experiment.recording import BAG_PACKAGES, start_recording
 from fopid_ros.experiment.with_nodes import interruptible, run_with_nodes
 
+REPORT_PACKAGES = BAG_PACKAGES | {"matplotlib", "plotly"}
 TABLE_WIDTH = 120  # columns the table needs; a narrower terminal wraps it
 
 TOPICS: dict[str, tuple[str, type]] = {
@@ -80,8 +81,8 @@ def conduct(experiment: Experiment, folder: Path, console: Console) -> int:
     Returns
     -------
     int
-        Exit code: 0 done, 2 could not be done, 3 done but a tuning found nothing to apply, 130 interrupted. The
-        bag is closed in every case.
+        Exit code: 0 done, 2 could not be done or recorded, 3 done but a tuning found nothing to apply, 130
+        interrupted. The bag is closed in every case.
     """
     node = ExperimentNode(experiment)
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -92,13 +93,18 @@ def conduct(experiment: Experiment, folder: Path, console: Console) -> int:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "experiment.yaml").write_text(experiment.to_yaml(), encoding="utf-8")
-        recorder = Recorder(node, folder / "bag", recorded_topics(experiment), qos=qos, metadata=metadata(experiment),
-                            on_failure=lambda text: console.print(f"warning: {text}"))  # fmt: skip
+        recorder = start_recording(
+            node, folder / "bag", recorded_topics(experiment), qos=qos, metadata=metadata(experiment),
+            tell=lambda text: console.print(text, markup=False, highlight=False, soft_wrap=True),
+        )  # fmt: skip
         every_sample = [TOPICS[name][0] for name in EVERY_SAMPLE if name in experiment.recorded]
-        node.recorded = partial(recorder.reached, every_sample)
+        node.recorded, node.listening = partial(recorder.reached, every_sample), recorder.listening
         run_phases(node, console)
+        recorder.close()
         for reason in node.not_applied:
             console.print(f"warning: {reason}", highlight=False, soft_wrap=True)
+        if not (folder / "bag").exists():
+            return 2
         return 3 if node.not_applied else 0
     except InputError as error:
         console.print(f"error: {error}", highlight=False, soft_wrap=True)
@@ -176,6 +182,14 @@ def main(args: Sequence[str] | None = None) -> int:
     if code in (0, 3) and not options.no_report and {"measurement", "control"} <= set(experiment.recorded):
         try:
             show_results(folder, console)
+        except ModuleNotFoundError as error:
+            absent = (error.name or "").partition(".")[0]
+            if absent not in REPORT_PACKAGES:
+                raise
+            hint = "pip install 'fopid_ros[bags]'"
+            console.print(f"no report, since the Python package {absent} is not installed; allowed: {hint}",
+                          markup=False, highlight=False, soft_wrap=True)  # fmt: skip
+            print(f"{'bag':8} {folder / 'bag'}")
         except InputError as error:
             console.print(f"error: {error}", highlight=False, soft_wrap=True)
             return 2

@@ -28,6 +28,7 @@ from fopid_msgs.srv import Advance, Tune
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, latched_qos
 from fopid_ros.common.rivals import refuse_other_loops
 from fopid_ros.common.signals import header_stamp
+from fopid_ros.experiment.recording import RECORDER_NODE
 
 DISCOVERY_TIME = 15.0  # how long the other nodes may take to appear [s]
 LEAD = LOCKSTEP_DEPTH // 2  # samples the loop may be ahead of the recorder
@@ -85,8 +86,9 @@ class ExperimentNode(Node):
         self.not_applied: list[str] = []
         self._sample = 0
         self._begun: float | None = None
-        # What the recorder has come to [ns], when there is one.
+        # What the recorder has come to [ns], and whether it hears all topics, when there is one.
         self.recorded: Callable[[], float] = lambda: math.inf
+        self.listening: Callable[[], bool] = lambda: True
 
     def interrupt(self) -> None:
         """Leave at the next look at the loop."""
@@ -137,6 +139,8 @@ class ExperimentNode(Node):
                     raise InputError(f"{missing} (domain {self.context.get_domain_id()})")
                 self.spin(SLICE)
         refuse_other_loops(self, allowed=1)
+        while not self.listening():
+            self.spin(SLICE)
         if self.lockstep:
             for node, parameter in (("plant_simulator", "advance_until"), ("fopid_controller", "bumpless")):
                 self._await_recorder_matched(node, parameter)
@@ -165,8 +169,11 @@ class ExperimentNode(Node):
         self.destroy_subscription(last)
 
     def _setpoint_is_subscribed(self) -> bool:
-        """By anybody else than this node's own recorder."""
-        return self._sources["setpoint"].get_subscription_count() > ("setpoint" in self.experiment.recorded)
+        """By anybody else than who records."""
+        publisher = self._sources["setpoint"]
+        infos = self.get_subscriptions_info_by_topic(publisher.topic_name)
+        recorders = sum(info.node_name in (self.get_name(), RECORDER_NODE) for info in infos)
+        return bool(publisher.get_subscription_count() > recorders)
 
     def begin_phase(self, phase: Phase) -> None:
         """Make the changes a phase starts with; in lockstep all are in place before the loop goes on."""

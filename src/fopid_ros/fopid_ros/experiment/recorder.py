@@ -31,8 +31,9 @@ from fopid_core.errors import InputError
 from fopid_core.study.bags.bag import SIM_TIME_LIMIT_NS
 from fopid_core.study.bags.rosbag2 import Topic, join_definitions
 from fopid_core.study.bags.writer import BagWriter
+from fopid_ros.experiment.recording import QUEUE
 
-DEFAULT_QOS = QoSProfile(depth=10_000)
+DEFAULT_QOS = QoSProfile(depth=QUEUE)
 """Deep enough for a second of lockstep while the disk is slow."""
 
 FLUSH_PERIOD = 1.0
@@ -123,6 +124,10 @@ class Recorder:
         with self._lock:
             come = [self._newest[name] for name in names if name in self._newest]
         return min(come, default=0 if names else math.inf)
+
+    def listening(self) -> bool:
+        """It does from the start."""
+        return True
 
     def _callback(self, topic: str, message_type: Any) -> Callable[[bytes], None]:
         fields = list(message_type.get_fields_and_field_types().values())
