@@ -67,6 +67,7 @@ def run(experiment: Experiment, folder: Path, *more: str) -> subprocess.Complete
                               env=environment, capture_output=True, text=True, timeout=110, check=False)  # fmt: skip
 
 
+@pytest.mark.slow
 def test_everything_an_experiment_can_do_equals_the_simulation_and_replays(tmp_path: Path) -> None:
     namespace = ("--ros-args", "-r", "__ns:=/loop1", "-r", "/clock:=clock")
     ended = run(EVERYTHING, tmp_path, "--no-report", *namespace)
@@ -117,6 +118,7 @@ def test_in_lockstep_the_tuner_does_not_listen_to_the_loop() -> None:
     assert "history" not in node_parameters(replace(plan, trigger="realtime"))["fopid_tuner"]
 
 
+@pytest.mark.slow
 def test_a_change_that_a_node_refuses_ends_the_run_and_says_why(tmp_path: Path) -> None:
     wrong = Phase("wrong", 1.0, gain_factor=1e305)  # beyond what the node takes
     ended = run(Experiment("P1", (Phase("a", 1.0, setpoint=1.0), wrong), gains={"kp": 1.0}), tmp_path)
@@ -124,6 +126,7 @@ def test_a_change_that_a_node_refuses_ends_the_run_and_says_why(tmp_path: Path) 
     assert "plant_simulator refused a change: gain_factor = 1e+305" in ended.stderr
 
 
+@pytest.mark.slow
 def test_in_real_time_a_ramp_comes_at_its_times(tmp_path: Path) -> None:
     ramp = Phase("ramp", 2.0, setpoint=Ramp(to=1.0, over=1.5))
     plan = Experiment("P1", (ramp,), sample_time=0.05, trigger="realtime", gains={"kp": 1.0}, record=("setpoint",))
