@@ -14,6 +14,7 @@ EXTRAS = {
     "bags": [
         "apsw",
         'backports.zstd; python_version < "3.14"',
+        "lz4",
         "mcap>=1.2",
         YAML,
         "rosbags>=0.11",

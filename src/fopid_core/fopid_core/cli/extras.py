@@ -8,6 +8,7 @@ EXTRA = {
     "plotly": "plots",
     "apsw": "bags",
     "backports": "bags",
+    "lz4": "bags",
     "mcap": "bags",
     "rosbags": "bags",
     "zstandard": "bags",

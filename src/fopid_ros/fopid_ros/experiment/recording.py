@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile
 from fopid_core.errors import InputError
 from fopid_ros.experiment.child_processes import die_with_parent
 
-BAG_PACKAGES = frozenset({"apsw", "backports", "mcap", "rosbags", "zstandard"})
+BAG_PACKAGES = frozenset({"apsw", "backports", "lz4", "mcap", "rosbags", "zstandard"})
 """What the extra ``bags`` brings."""
 
 RECORDER_NODE = "rosbag2_recorder"

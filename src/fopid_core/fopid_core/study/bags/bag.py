@@ -69,7 +69,7 @@ def read_bag(
             namespace = _only_namespace(path, [c for c in bag.connections if c.topic not in named])
         namespace = namespace.rstrip("/")
         wanted = _topics(bag.connections, namespace, named)
-        found = read_topics(bag.readers, wanted)
+        found = read_topics(bag.readers, wanted, bag.most)
         known = ", ".join(sorted({c.topic for c in bag.connections})) or "no topics"
     chosen = {f"{signal}.field": field for signal, field in named.values() if field}
     run = _run(path, namespace, found, {**bag.custom, **chosen}, bag.whole)

@@ -22,6 +22,7 @@ from rosbags.typesys import TypesysError
 
 from fopid_core.errors import InputError
 from fopid_core.study.bags import mcap_repair, sqlite_repair
+from fopid_core.study.bags.expansion import check_chunks, check_index, most_bytes, refused
 from fopid_core.study.bags.rosbag2 import read_custom_data, read_file_names
 
 if sys.version_info >= (3, 14):  # rosbags reads with it, and with apsw
@@ -36,10 +37,7 @@ REPAIRED = "repaired"
 """Entry of the custom data of a bag that was cut off and has been mended."""
 
 COMPRESSED = ".zstd"
-_DENSEST = 200  # a recording shrinks 3 to 30 times: its stamps differ
-_ALWAYS = 100_000_000  # [bytes]
 _WINDOW = 2**27  # [bytes], what zstd itself takes without being asked
-_ZSTD = bytes.fromhex("28b52ffd")  # how all that is compressed begins
 
 UNREADABLE = (
     ReaderError, TypesysError, McapError, apsw.Error, sqlite3.Error, ZstdError, zstandard.ZstdError, OSError,
@@ -60,11 +58,14 @@ class BagFiles:
         The bag's custom data: texts by name.
     whole : bool
         Whether the recording came to an orderly end.
+    most : int
+        How many bytes its messages may hold when they are unpacked.
     """
 
     readers: tuple[Reader, ...]
     custom: dict[str, str]
     whole: bool
+    most: int
 
     @property
     def connections(self) -> list[Connection]:
@@ -92,7 +93,8 @@ def opened(path: Path) -> Iterator[BagFiles]:
             prepared = [_prepared(file, Path(folder, str(i))) for i, file in enumerate(files)]
             readers = tuple(stack.enter_context(Reader(file)) for file in prepared)
             custom = read_custom_data(path if path.is_dir() else path.parent)
-            yield BagFiles(readers, custom, whole=all(map(is_whole, files)) and REPAIRED not in custom)
+            most = most_bytes(sum(file.stat().st_size for file in files))
+            yield BagFiles(readers, custom, all(map(is_whole, files)) and REPAIRED not in custom, most)
         except UNREADABLE as error:
             raise InputError(f"bag {str(path)!r} cannot be read: {one_line(error)}") from None
 
@@ -133,11 +135,6 @@ def one_line(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def is_compressed(message: bytes) -> bool:
-    """Whether a message is compressed by itself; a plain one begins with the byte 0 of its encapsulation."""
-    return message[:4] == _ZSTD
-
-
 def decompress(file: Path, plain: Path) -> None:
     """Write what a compressed file holds.
 
@@ -146,14 +143,14 @@ def decompress(file: Path, plain: Path) -> None:
     InputError
         If it holds more than a recording can be pressed into so few bytes; what was written of it is removed.
     """
-    most = max(_ALWAYS, _DENSEST * file.stat().st_size)
+    most = most_bytes(file.stat().st_size)
     written = 0
     try:
         with file.open("rb") as source, plain.open("wb") as out:
             for part in zstandard.ZstdDecompressor(max_window_size=_WINDOW).read_to_iter(source):
                 written += len(part)
                 if written > most:
-                    raise InputError(f"{file.name!r} holds more than {most:,} bytes; allowed: up to that for its size")
+                    raise refused(file.name, most)
                 out.write(part)
     except (InputError, OSError, zstandard.ZstdError):
         plain.unlink(missing_ok=True)
@@ -169,12 +166,20 @@ def is_whole(file: Path) -> bool:
 
 def _prepared(file: Path, folder: Path) -> Path:
     """The file itself, or a copy in ``folder`` that can be read."""
+    most = most_bytes(file.stat().st_size)
+    if file.suffix == ".mcap":
+        check_chunks(file, most)
+        if is_whole(file):
+            check_index(file)
     if file.suffix != COMPRESSED and is_whole(file):
         return file
     folder.mkdir()
     copy = folder / plain_name(file).name
     if file.suffix == COMPRESSED:
         decompress(file, copy)
+        if copy.suffix == ".mcap":
+            check_chunks(copy, most)
+            check_index(copy)
         return copy
     for part in (file, *sqlite_repair.besides(file)):
         shutil.copy(part, folder)

@@ -10,6 +10,7 @@ from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
 from fopid_core.errors import InputError
+from fopid_core.study.bags.expansion import check_chunks, check_index, is_compressed, most_bytes
 from fopid_core.study.bags.files import (
     COMPRESSED,
     REPAIRED,
@@ -17,7 +18,6 @@ from fopid_core.study.bags.files import (
     UNREADABLE,
     decompress,
     files_of,
-    is_compressed,
     is_whole,
     one_line,
     plain_name,
@@ -64,9 +64,11 @@ def repair(folder: Path) -> Content:
     if not folder.is_dir():
         raise InputError(f"bag {str(folder)!r} is no folder; allowed: a folder with .mcap or .db3 files")
     try:
-        files = [_plain(file) for file in files_of(folder)]
+        found = files_of(folder)
+        most = [most_bytes(file.stat().st_size) for file in found]
+        files = [_plain(file) for file in found]
         custom = read_custom_data(folder)
-        cut_off, mended = not all(map(is_whole, files)), [_mend(file) for file in files]
+        cut_off, mended = not all(map(is_whole, files)), [*map(_mend, files, most)]
         if cut_off or any(mended):
             custom[REPAIRED] = "the recording was cut off or damaged"
         kept = mended[-1]
@@ -89,10 +91,13 @@ def _plain(file: Path) -> Path:
     return plain_name(file)
 
 
-def _mend(file: Path) -> int:
+def _mend(file: Path, most: int) -> int:
     """Chunks that could be given up for room: those of a file that had to be mended."""
     if file.suffix == ".mcap":
-        return repair_file(file)
+        check_chunks(file, most)
+        kept = repair_file(file)
+        check_index(file)
+        return kept
     settle(file)
     return 0
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import zstandard
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
@@ -18,7 +17,8 @@ from rosbags.typesys.store import Typestore
 
 from fopid_core.errors import InputError
 from fopid_core.study.bags.cdr import Column, columns
-from fopid_core.study.bags.files import UNREADABLE, is_compressed, one_line
+from fopid_core.study.bags.expansion import plain_message
+from fopid_core.study.bags.files import UNREADABLE, one_line
 
 _PARSERS: dict[MessageDefinitionFormat, Callable[[str, str], Any]] = {
     MessageDefinitionFormat.MSG: get_types_from_msg,
@@ -70,7 +70,7 @@ class Recorded:
         return replace(self, stamps=stamps[order], log_times=self.log_times[order], raw=raw, columns=columns)
 
 
-def read_topics(readers: Sequence[Reader], topics: Mapping[str, str]) -> dict[str, Recorded]:
+def read_topics(readers: Sequence[Reader], topics: Mapping[str, str], most: int) -> dict[str, Recorded]:
     """The messages of some topics.
 
     Parameters
@@ -79,25 +79,25 @@ def read_topics(readers: Sequence[Reader], topics: Mapping[str, str]) -> dict[st
         Of the bag's files, opened.
     topics : mapping
         Topic -> the name to give what is found. Topics without messages are left out.
+    most : int
+        How many bytes the messages that are compressed by themselves may hold, together.
 
     Raises
     ------
     InputError
-        If a type is not defined in the bag.
+        If a type is not defined in the bag, or the messages hold more than ``most`` bytes.
     """
     messages: dict[str, list[tuple[int, bytes]]] = defaultdict(list)
     wanted = [c for reader in readers for c in reader.connections if c.topic in topics]
     for reader in readers:
         if here := [c for c in reader.connections if c.topic in topics]:
             for connection, time, data in reader.messages(here):
-                messages[connection.topic].append((time, _plain(data)))
+                plain = plain_message(data, most)
+                most -= len(plain) if plain is not data else 0
+                messages[connection.topic].append((time, plain))
     types = _typestore([c for c in wanted if c.topic in messages])
     names = {c.topic: c.msgtype for c in wanted}
     return {topics[topic]: _recorded(names[topic], found, types) for topic, found in messages.items()}
-
-
-def _plain(data: bytes) -> bytes:
-    return zstandard.ZstdDecompressor().decompress(data) if is_compressed(data) else data
 
 
 def _typestore(connections: Sequence[Connection]) -> Typestore:
