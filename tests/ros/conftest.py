@@ -131,6 +131,21 @@ class Graph:
         self._settle(client.services_are_ready, f"parameters of {node}")
         return client
 
+    def await_restarted(self, node: str) -> None:
+        """Wait until the process that followed a killed one answers.
+
+        The killed one is listed, and ready, for some 20 s yet, so readiness says nothing of the new one, and what is
+        asked before that is found (0.3 s to 3 s) reaches nobody: ask again, of the last service that a node makes.
+        """
+        asked: list[Future] = []
+
+        def answered() -> bool:
+            asked.append(self.parameters(node).list_parameters())
+            self.executor.spin_until_future_complete(asked[-1], timeout_sec=0.5)
+            return any(future.done() for future in asked)
+
+        self.until(answered, f"an answer of the new {node}")
+
     def set(self, node: str, **values: object) -> Any:
         """Set parameters atomically; dots in names are written as two underscores."""
         changes = [Parameter(name.replace("__", "."), value=value) for name, value in values.items()]

@@ -179,22 +179,30 @@ def test_a_restart_takes_the_newest_gains_and_says_where_they_come_from(graph: G
     second, line = restart(graph, first, tmp_path)
     assert "2.5 + 0.25 s^-1 + 0 s^1, verified, from 'fopid_tuner: a test' at 20" in line
     assert "those of the parameters, 1 + 0.1 s^-1 + 0 s^1, are not used" in line
-    graph.spin(1.0)
+
+    file = tmp_path / file_name(NODE)
+    file.write_bytes(file.read_bytes()[:-40])
+    _, line = restart(graph, second, tmp_path)
+    assert "gains 1 + 0.1 s^-1 + 0 s^1: of the parameters, since the kept ones cannot be used" in line
+    assert "no JSON" in line
+    assert str(tmp_path) not in line
+
+
+@pytest.mark.slow
+def test_a_restarted_controller_tells_its_gains_and_keeps_what_is_set_next(graph: Graph, tmp_path: Path) -> None:
+    first = start(graph, tmp_path)
+    told = {"gains__status": "verified", "gains__origin": "fopid_tuner: a test", "gains__certificate": "{}"}
+    assert graph.set(NAME, kp=2.5, ki=0.25, **told).successful
+    second, _ = restart(graph, first, tmp_path)
+    graph.await_restarted(NAME)
     names = ("kp", "ki", "gains.status", "gains.origin", "gains.certificate")
     assert graph.get(NAME, *names) == [2.5, 0.25, "verified", "fopid_tuner: a test", "{}"]
 
     assert graph.set(NAME, kp=3.5).successful  # by somebody who does not say who
     assert graph.get(NAME, *names) == [3.5, 0.25, "set", "", ""]
     assert graph.set(NAME, kp=9.5, gains__status="trial").successful  # not known to hold the loop: not kept
-    third, line = restart(graph, second, tmp_path)
+    _, line = restart(graph, second, tmp_path)
     assert "3.5 + 0.25 s^-1 + 0 s^1, not verified, from 'somebody unnamed'" in line
-
-    file = tmp_path / file_name(NODE)
-    file.write_bytes(file.read_bytes()[:-40])
-    _, line = restart(graph, third, tmp_path)
-    assert "gains 1 + 0.1 s^-1 + 0 s^1: of the parameters, since the kept ones cannot be used" in line
-    assert "no JSON" in line
-    assert str(tmp_path) not in line
 
 
 @pytest.mark.slow
@@ -204,7 +212,8 @@ def test_a_controller_killed_at_random_instants_while_gains_change_comes_back_wi
     draw, process, count = random.Random(1), start(graph, tmp_path), 0
     for _ in range(10):
         count += 1
-        set_by_a_new_client(graph, count)
+        graph.await_restarted(NAME)
+        assert graph.set(NAME, kp=float(count)).successful
         client, until = graph.parameters(NAME), time.monotonic() + draw.uniform(0.05, 0.6)
         while time.monotonic() < until:
             count += 1
@@ -214,20 +223,6 @@ def test_a_controller_killed_at_random_instants_while_gains_change_comes_back_wi
         process, line = restart(graph, process, tmp_path)
         assert f"gains {count} + 0.1 s^-1" in line or f"gains {count + 1} + 0.1 s^-1" in line
         count += 1
-
-
-def set_by_a_new_client(graph: Graph, kp: int) -> None:
-    """Who was killed is listed for a while yet, and what is sent before the new one is found is lost."""
-    graph._clients.clear()
-
-    def answered() -> bool:
-        future = graph.parameters(NAME).set_parameters_atomically([Parameter("kp", value=float(kp))])
-        until = time.monotonic() + 1.0
-        while not future.done() and time.monotonic() < until:
-            graph.spin(0.02)
-        return future.done() and future.result().result.successful
-
-    graph.until(answered, "an answer of the new controller")
 
 
 def test_gains_on_trial_that_are_taken_back_are_what_they_were_before(graph: Graph, tmp_path: Path) -> None:
