@@ -120,3 +120,22 @@ def test_a_length_beyond_the_message_is_refused_at_once(text: str, length: int) 
     raw = bytes.fromhex("00010000") + length.to_bytes(4, "little") + b"a"
     with pytest.raises(InputError, match="is damaged"):
         columns([raw], "a/msg/Long", get_types_from_msg(text, "a/msg/Long"))
+
+
+@pytest.mark.parametrize("padding", range(4))
+def test_a_middleware_may_append_padding(padding: int) -> None:
+    raw = bytes.fromhex("00010000000000000000f03f") + bytes(padding)
+    assert columns([raw], "std_msgs/msg/Float64", TYPES.fielddefs)["data"].tolist() == [1.0]
+
+
+def test_bytes_that_no_definition_accounts_for_are_refused() -> None:
+    raw = bytes.fromhex("00010000000000000000f03f")
+    with pytest.raises(InputError, match="is longer than its definition says"):
+        columns([raw + bytes(4)], "std_msgs/msg/Float64", TYPES.fielddefs)
+
+
+@pytest.mark.parametrize("head", ["0002", "0003", "0006", "0007", "000a", "000b", "0100", "0101"])
+def test_an_encapsulation_other_than_plain_cdr_is_refused(head: str) -> None:
+    raw = bytes.fromhex(head + "0000000000000000f03f")
+    with pytest.raises(InputError, match=rf"encapsulation = 0x{head} of .*; allowed: 0x0000, 0x0001"):
+        columns([raw], "std_msgs/msg/Float64", TYPES.fielddefs)
