@@ -110,6 +110,7 @@ def test_a_box_is_certified_where_it_holds() -> None:
     check_box(9, 20_000, 500)
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.slow
 @pytest.mark.parametrize("which", range(len(BOXES)))
 def test_ten_boxes_are_certified_for_nine_tenths_of_what_holds_and_a_million_samples_agree(which: int) -> None:

@@ -134,6 +134,7 @@ def accepted_but_false(content: dict[str, Any], chance: random.Random, count: in
     return [changed for changed in accepted if not holds(changed)]
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.slow
 def test_ten_thousand_corruptions_are_rejected_and_with_a_new_seal_only_true_ones_pass() -> None:
     chance = random.Random(2)

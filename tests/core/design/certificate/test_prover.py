@@ -122,6 +122,7 @@ def test_certificates_agree_with_the_stability_test() -> None:
     assert (differ, undecided <= 2) == ([], True)
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.slow
 def test_certificates_agree_with_the_stability_test_on_ten_thousand_loops() -> None:
     differ, undecided = disagreements(10_000, 1)

@@ -71,6 +71,7 @@ def test_the_fractional_controller_beats_the_best_plain_pid(process: str, index:
     assert found.cost < plain.cost * (0.995 if process == "P2" else 0.85)
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(("process", "index"), CASES)

@@ -119,6 +119,7 @@ class _Proof:
             _require(len(order) == len(delay) == 1 + self.size, "process: orders and delays")
             coefficient = {key: _exact(row[0]) for key, row in zip(powers, polynomial, strict=True)}
             terms.append(_Term(coefficient, tuple(map(_exact, order)), tuple(map(_exact, delay))))
+        _require(len({(term.order, term.delay) for term in terms}) == len(terms), "process: a power is given twice")
         return terms
 
     def _walk(self, node: Any, cell: list[tuple[fmpq, fmpq]], pieces: list[Piece]) -> tuple[fmpq, fmpq]:

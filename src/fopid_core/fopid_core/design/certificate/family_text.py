@@ -82,7 +82,7 @@ def _names_in(source: str, sides: Sides) -> list[str]:
     if source.strip().endswith((".yaml", ".yml")) or source.strip() in TEST_BENCH:
         return []
     longest_first = sorted([*sides, *_RESERVED], key=len, reverse=True)
-    without_numbers = re.sub(r"(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", " ", source)
+    without_numbers = re.sub(r"(?<![A-Za-z_\d])(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", " ", source)
     found = re.findall("|".join(map(re.escape, longest_first)), without_numbers)
     return [name for name in sides if name in found]
 

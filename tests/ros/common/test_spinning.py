@@ -1,0 +1,35 @@
+"""A process that is told to stop ends, whatever hangs in it."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+HANGS = """
+import threading
+from fopid_ros.common.spinning import StopSignal
+StopSignal()
+print("ready", flush=True)
+while True:
+    threading.Event().wait(1.0)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_process_that_hangs_is_ended_outright_and_says_where(number: int) -> None:
+    process = subprocess.Popen([sys.executable, "-c", HANGS], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "ready\n"
+        told = time.monotonic()
+        process.send_signal(number)
+        _, traceback = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert process.returncode != 0
+    assert "wait" in traceback
+    assert 5.0 < time.monotonic() - told < 12.0
