@@ -21,7 +21,7 @@ DELAYS = 12.0
 
 SETTLED = 0.02
 """Of the setpoint step: an error at the horizon that is worth a word."""
-IDLE = 0.5
+IDLE = 0.99
 """A larger one: the bounds leave nothing but controllers that hardly act, and that is no success."""
 
 
