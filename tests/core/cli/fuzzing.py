@@ -8,6 +8,7 @@ As a program it runs any number of them, prints every case that fails, and ends 
 from __future__ import annotations
 
 import argparse
+import inspect
 import json
 import resource
 import signal
@@ -27,6 +28,8 @@ from fopid_core.model.process import Process
 
 TEXT_SECONDS, LINE_SECONDS = 2.0, 30.0
 """Of processor time, for each."""
+STREAMS_APART = {"mix_stderr": False} if "mix_stderr" in inspect.signature(CliRunner).parameters else {}
+"""As in ``runner``, which a program that is run by its path cannot import: click 8.1 mixes them unless told otherwise."""
 MEMORY = 3 << 30
 """Address space of the whole process [bytes]."""
 
@@ -208,7 +211,7 @@ def line_fault(line: list[str]) -> str:
     """What is wrong with how a command line is answered; empty when nothing is."""
     try:
         with limited(LINE_SECONDS):
-            result = CliRunner().invoke(main, line)
+            result = CliRunner(**STREAMS_APART).invoke(main, line)
     except TooLongError as error:
         return str(error)
     if result.exception is not None and not isinstance(result.exception, SystemExit):

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from fopid_core.cli.main import main
+from .runner import invoke
 
 GAINS = ("--gains", "2.9692,0.8028,1.3394,1.0138,0.6074")
 
 
 def run(*arguments: str) -> Result:
-    return CliRunner().invoke(main, ["certify", *arguments])
+    return invoke(["certify", *arguments])
 
 
 def answer(*arguments: str, status: int = 0) -> dict[str, Any]:
@@ -100,8 +100,6 @@ def test_a_box_that_cannot_be_used_is_named(box: str) -> None:
 
 
 def test_a_tuning_comes_with_its_certificate() -> None:
-    result = CliRunner().invoke(
-        main, ["tune", "rule", "2/(3s+1)*exp(-0.5s)", "--rule", "simc-pi", "--certify", "--json"]
-    )
+    result = invoke(["tune", "rule", "2/(3s+1)*exp(-0.5s)", "--rule", "simc-pi", "--certify", "--json"])
     found = json.loads(result.stdout)
     assert (result.exit_code, found["certificate"]["certified"]) == (0, True)

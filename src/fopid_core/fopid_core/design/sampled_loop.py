@@ -211,4 +211,5 @@ def sampled_controller(controller: FopidController, theta: Floats) -> Complexes:
     a, b = matrix[:size, :size], (matrix[:size, -2] + matrix[:size, -1])[:, np.newaxis]
     read = np.array([gains.ki, gains.kd]) @ matrix[-2:]
     direct = gains.kp + read[-2] + read[-1]
-    return np.asarray((read[:size] @ np.linalg.solve(z * np.eye(size) - a, b))[:, 0] + direct)
+    answer = np.linalg.solve(z * np.eye(size) - a, b[np.newaxis])
+    return np.asarray((read[:size] @ answer)[:, 0] + direct)
