@@ -29,7 +29,7 @@ from fopid_core.model.process import Process
 TEXT_SECONDS, LINE_SECONDS = 2.0, 30.0
 """Of processor time, for each."""
 STREAMS_APART = {"mix_stderr": False} if "mix_stderr" in inspect.signature(CliRunner).parameters else {}
-"""As in ``runner``, which a program that is run by its path cannot import: click 8.1 mixes them unless told otherwise."""
+"""As in ``runner``, which a program run by its path cannot import: click 8.1 mixes them unless told otherwise."""
 MEMORY = 3 << 30
 """Address space of the whole process [bytes]."""
 
