@@ -213,6 +213,7 @@ def test_gains_that_are_accepted_are_logged_from_old_to_new_with_who_set_them(gr
     assert "to 2 + 0.5 s^-1 + 0 s^1, set by: by hand, by Ada" in lines[1]
 
 
+@pytest.mark.slow
 def test_advance_is_answered_when_the_loop_is_there_or_stands(graph: Graph) -> None:
     loop = LockstepLoop(graph, "P1", {"kp": 1.0}, controller={"setpoint.initial": 1.0})
     answer = graph.call(Advance, "plant_simulator/advance", Advance.Request(until=3.0))

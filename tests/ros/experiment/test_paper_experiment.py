@@ -35,6 +35,7 @@ def offline(experiment: Experiment) -> Trace:
     return simulate(controller, plant, samples, lambda _: 1.0, lambda k: 1.0 if k >= change else 0.0)
 
 
+@pytest.mark.slow
 def test_the_nodes_give_the_offline_figures(graph: Graph, tmp_path: Path) -> None:
     experiment = read_experiment(FILE)
     common = {"trigger": "lockstep", "sample_time": experiment.sample_time}
