@@ -138,7 +138,7 @@ class _SampledLoop:
         return Running(True, self._ms(x, 1.0 + response), phase_margin, crossover, self._gain_margin(x, response))
 
     def _unstable_poles(self, x: Floats, distance: Complexes) -> int | None:
-        """Zeros of 1 + L outside the unit circle; None where the count is no whole number."""
+        """Zeros of 1 + L outside the unit circle; None where the count is no number of zeros."""
         open_loop = right_half_plane_zeros(self._process.denominator)
         if not open_loop.decided[0]:
             return None
@@ -146,9 +146,8 @@ class _SampledLoop:
         begin = values[0] / np.sign(values[0].real)
         turns = (float(np.angle(begin)) + float(np.angle(values[1:] / values[:-1]).sum())) / math.pi
         whole = round(turns)
-        if abs(turns - whole) > _WINDING:
-            return None
-        return max(int(open_loop.count[0]) - whole, 0)
+        unstable = int(open_loop.count[0]) - whole
+        return unstable if abs(turns - whole) <= _WINDING and unstable >= 0 else None
 
     def _ms(self, x: Floats, distance: Complexes) -> float:
         size = np.abs(distance)
