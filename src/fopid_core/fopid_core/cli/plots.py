@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fopid_core.drawing import new_figure
 from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,20 +17,12 @@ if TYPE_CHECKING:
 
 def plot_response(response: Response, title: str, path: Path) -> None:
     """Output and control over time, one above the other."""
-    figure = _figure()
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    upper.plot(response.time, response.output)
-    upper.set(title=title, ylabel="output")
-    lower.plot(response.time, response.control)
-    lower.set(xlabel="time [s]", ylabel="control")
-    for axes in (upper, lower):
-        axes.grid(alpha=0.3)
-    _save(figure, path)
+    _save(response.plot(title=title), path)
 
 
 def plot_region(region: StabilityRegion, title: str, path: Path) -> None:
     """The stabilising gains and the curve that bounds them."""
-    figure = _figure()
+    figure = new_figure()
     axes = figure.subplots()
     axes.contourf(region.x, region.y, region.stable, levels=(0.5, 1.5), colors=("#9ecae1",))
     border = region.curve.copy()
@@ -42,12 +35,6 @@ def plot_region(region: StabilityRegion, title: str, path: Path) -> None:
     )  # fmt: skip
     axes.legend()
     _save(figure, path)
-
-
-def _figure() -> Figure:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(7.0, 5.0), layout="constrained")
 
 
 def _save(figure: Figure, path: Path) -> None:

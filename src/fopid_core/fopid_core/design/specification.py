@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
+from fopid_core import notebook
 from fopid_core.design.sampled_loop import Running
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
@@ -117,7 +118,7 @@ class FrequencySpecification:
     sample_time: float = 0.01
 
     def __post_init__(self) -> None:
-        require(0 < self.phase_margin < math.pi, "phase_margin", self.phase_margin, "above 0 and below pi rad")
+        _require_angle(self.phase_margin)
         require(0 < self.crossover < math.inf, "crossover", self.crossover, "above 0 rad/s")
         one_of("criterion", self.criterion, CRITERIA)
 
@@ -201,7 +202,7 @@ class TuningRequest:
         if self.solver is not None:
             one_of("solver", self.solver, {"frequency": FREQUENCY_SOLVERS, "time": TIME_SOLVERS}.get(self.method, ()))
         if self.phase_margin is not None:
-            require(0 < self.phase_margin < math.pi, "phase_margin", self.phase_margin, "above 0 and below pi rad")
+            _require_angle(self.phase_margin)
         for name, unit in (("crossover", "rad/s"), ("horizon", "s"), ("sample_time", "s"), ("timeout", "s")):
             _require_practical(name, getattr(self, name), unit)
         for name, least in (("ms_max", 1.0), ("u_max", 0.0), ("noise_max", 0.0)):
@@ -252,6 +253,14 @@ class Achieved:
     t_db: float = math.nan
     s_db: float = math.nan
 
+    @property
+    def phase_margin_deg(self) -> float:
+        """The phase margin [deg]."""
+        return math.degrees(self.phase_margin)
+
+    def _repr_html_(self) -> str:
+        return notebook.table("Achieved", {"phase_margin_deg": self.phase_margin_deg, **asdict(self)})
+
 
 @dataclass(frozen=True)
 class TuningResult:
@@ -301,6 +310,16 @@ class TuningResult:
     at_edge: tuple[str, ...] = ()
     running: Running | None = None
 
+    def __repr__(self) -> str:
+        verdict = "success" if self.success else "no success"
+        return f"<TuningResult: {verdict}, {self.controller or self.message}>"
+
+    def _repr_html_(self) -> str:
+        verdict: dict[str, object] = {"success": self.success, "message": self.message, "stable": self.stable}
+        told = verdict | ({"unmet": "; ".join(self.unmet)} if self.unmet else {})
+        parts = (self.controller, self.achieved)
+        return "".join([*(part._repr_html_() for part in parts if part), notebook.table("Tuning", told)])
+
 
 @dataclass(frozen=True)
 class Proposal:
@@ -348,3 +367,10 @@ def _require_practical(name: str, value: float | None, unit: str) -> None:
     if value is not None:
         low, high = PRACTICAL
         require(low <= value <= high, name, value, f"{low:g} to {high:g} {unit}")
+
+
+def _require_angle(phase_margin: float) -> None:
+    allowed = "above 0 and below pi rad"
+    if math.pi <= phase_margin < 180.0:
+        allowed += f" ({phase_margin:g} degrees are {math.radians(phase_margin):.4g} rad, phase_margin_deg in Python)"
+    require(0 < phase_margin < math.pi, "phase_margin", phase_margin, allowed)

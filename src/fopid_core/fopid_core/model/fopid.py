@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, astuple, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fopid_core import notebook
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Complexes
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
+
+if TYPE_CHECKING:
+    from fopid_core.model.loop import Loop
+    from fopid_core.model.process import Process
 
 LARGEST_GAIN = 1e100
 """Of kp, ki and kd, in size: beyond it products are no numbers any more."""
@@ -87,6 +93,18 @@ class Fopid:
     def gains(self) -> tuple[float, float, float, float, float]:
         """(kp, ki, kd, lam, mu)."""
         return astuple(self)
+
+    def __mul__(self, process: Process) -> Loop:
+        """The loop with a process: ``C * P``, or ``P * C``."""
+        from fopid_core.model.loop import Loop
+        from fopid_core.model.process import Process
+
+        return Loop(process, self) if isinstance(process, Process) else NotImplemented
+
+    __rmul__ = __mul__
+
+    def _repr_html_(self) -> str:
+        return notebook.table("kp + ki s^-lam + kd s^mu", asdict(self))
 
     def __str__(self) -> str:
         return f"{self.kp:.5g} + {self.ki:.5g} s^-{self.lam:.5g} + {self.kd:.5g} s^{self.mu:.5g}"

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from fopid_core import notebook
 from fopid_core.model.adaptive_grid import refine, roots
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.loop import Loop
@@ -67,6 +68,14 @@ class Margins:
     phase_slope: float
     crossovers: tuple[float, ...]
     phase_crossovers: tuple[float, ...]
+
+    @property
+    def phase_margin_deg(self) -> float:
+        """The phase margin [deg]."""
+        return math.degrees(self.phase_margin)
+
+    def _repr_html_(self) -> str:
+        return notebook.table("Margins", {"phase_margin_deg": self.phase_margin_deg, **asdict(self)})
 
 
 def margins(loop: Loop) -> Margins:

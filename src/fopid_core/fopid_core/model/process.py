@@ -6,15 +6,20 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fopid_core import safe_yaml
+from fopid_core import notebook, safe_yaml
 from fopid_core.errors import ExpressionError, InputError
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.expression import read_quotient
 from fopid_core.model.quasipolynomial import QuasiPolynomial, number_text
+
+if TYPE_CHECKING:
+    from fopid_core.model.fopid import Fopid
+    from fopid_core.model.loop import Loop
 
 TEST_BENCH = {
     "P1": "1/(s+1)^3",
@@ -167,12 +172,22 @@ class Process:
         """The process times a constant."""
         return Process(self.numerator.scaled(gain), self.denominator)
 
-    def __mul__(self, other: Process | float) -> Process:
-        """Series connection, or a gain."""
+    @overload
+    def __mul__(self, other: Process | float) -> Process: ...
+    @overload
+    def __mul__(self, other: Fopid) -> Loop: ...
+    def __mul__(self, other: Process | float | Fopid) -> Process | Loop:
+        """Series connection, or a gain; with a controller the loop of both."""
+        if not isinstance(other, Process | float | int):
+            return NotImplemented
         other = _process(other)
         return Process(self.numerator * other.numerator, self.denominator * other.denominator)
 
-    __rmul__ = __mul__
+    def __rmul__(self, other: float) -> Process:
+        return self * other
+
+    def __truediv__(self, other: float) -> Process:
+        return self.scaled(1.0 / other)
 
     def __add__(self, other: Process | float) -> Process:
         """Parallel connection, or a direct path."""
@@ -206,6 +221,14 @@ class Process:
             self.numerator * other.denominator,
             self.denominator * other.denominator + self.numerator * other.numerator,
         )
+
+    def __repr__(self) -> str:
+        return f"Process.parse({str(self)!r})"
+
+    def _repr_latex_(self) -> str:
+        over = notebook.latex(str(self.numerator.shifted(delay=-self.delay)))
+        late = rf"\,e^{{-{number_text(self.delay)}s}}" if self.delay else ""
+        return rf"$\dfrac{{{over}}}{{{notebook.latex(str(self.denominator))}}}{late}$"
 
     def __str__(self) -> str:
         """The process as text that ``parse`` reads back."""

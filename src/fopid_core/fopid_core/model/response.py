@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fopid_core.drawing import draw_over_time
 from fopid_core.errors import InputError, UnknownResponseError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.asymptotics import leading_term
@@ -19,6 +21,9 @@ from fopid_core.model.delay_free import DelayFree
 from fopid_core.model.delayed import Delayed
 from fopid_core.model.loop import Loop
 from fopid_core.model.step_transforms import Source, StepTransforms
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["Response", "Source", "check_horizon", "step_response"]
 
@@ -70,6 +75,14 @@ class Response:
     def control_peak(self) -> float:
         """Largest absolute control; infinite when the ideal derivative makes it so."""
         return math.inf if self.control_impulse else float(np.max(np.abs(self.control)))
+
+    def plot(self, figure: Figure | None = None, label: str = "", title: str = "") -> Figure:
+        """Output and control over time, into a figure of another response where one is given."""
+        rows = [("output", {label: (self.time, self.output)}), ("control", {label: (self.time, self.control)})]
+        return draw_over_time(rows, figure, title)
+
+    def __repr__(self) -> str:
+        return f"<Response: {self.time.size} instants to {self.time[-1]:g} s, output known to {self.accuracy:.1g}>"
 
 
 def step_response(loop: Loop, horizon: float, source: Source = "setpoint", points: int | None = None) -> Response:

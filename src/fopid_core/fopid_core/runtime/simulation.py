@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fopid_core.drawing import draw_over_time
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.plant import Plant
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Signal = Callable[[int], float]
 """A signal by the number of the sample."""
@@ -26,6 +31,18 @@ class Trace:
     setpoint: NDArray[np.float64]
     measurement: NDArray[np.float64]
     control: NDArray[np.float64]
+
+    def plot(self, figure: Figure | None = None, label: str = "", title: str = "") -> Figure:
+        """Setpoint and measurement, and the control, over time, into a figure of another trace where one is given."""
+        wanted = {"setpoint": (self.time, self.setpoint)} if figure is None else {}
+        rows = [
+            ("measurement", {**wanted, label or "measurement": (self.time, self.measurement)}),
+            ("control", {label: (self.time, self.control)}),
+        ]
+        return draw_over_time(rows, figure, title, steps=True)
+
+    def __repr__(self) -> str:
+        return f"<Trace: {self.time.size} samples to {self.time[-1]:g} s>"
 
 
 def simulate(

@@ -1,0 +1,1 @@
+"""What people call from Python: text, numbers or objects in, results that show themselves out."""
