@@ -60,7 +60,7 @@ def as_controller(value: ControllerLike) -> Fopid:
             raise InputError(f"a tuning without a design ({tuned.message}); allowed: one with a controller")
         return tuned.controller
     try:
-        numbers = [float(number) for number in cast("Sequence[float]", value)]
+        numbers = [float(number) for number in value]
     except (TypeError, ValueError):
         numbers = []
     if not 1 <= len(numbers) <= 5:
