@@ -1,0 +1,1 @@
+"""Plants from published equations, written without any code of the package that tunes them."""

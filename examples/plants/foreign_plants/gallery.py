@@ -1,0 +1,56 @@
+"""The plants, and what an operator knows of each: its range, its sample time, gains that hold it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from foreign_plants.chemistry import Neutralisation, StirredReactor, VanDeVusse
+from foreign_plants.fluids import BoilerDrum, LevelTank, QuadrupleTank
+from foreign_plants.heat import CoupledHeaters, Furnace, HeatExchanger
+from foreign_plants.motion import Crane, FlexibleJoint, Levitation, MotorPosition
+from foreign_plants.parts import Plant
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """A plant and its loop.
+
+    Attributes
+    ----------
+    plant : type
+    sample_time : float
+        Of the controller [s].
+    gains : tuple of float
+        kp, ki, kd that it runs with.
+    move, load : float
+        Step of the setpoint and of the load that gains are judged by.
+    horizon : float
+        How long after each of them [s].
+    unsafe : tuple of float
+        The measurement must never leave this range.
+    """
+
+    plant: type[Plant]
+    sample_time: float
+    gains: tuple[float, float, float]
+    move: float
+    load: float
+    horizon: float
+    unsafe: tuple[float, float]
+
+
+GALLERY = {
+    "quadruple_tank": Exhibit(QuadrupleTank, 2.0, (0.4, 0.004, 0.0), 1.0, 0.3, 1500.0, (8.0, 18.0)),
+    "level_tank": Exhibit(LevelTank, 2.0, (20.0, 0.4, 0.0), 0.1, 5.0, 600.0, (0.7, 1.3)),
+    "boiler_drum": Exhibit(BoilerDrum, 1.0, (1.0, 0.01, 0.0), 2.0, 4.0, 600.0, (-10.0, 10.0)),
+    "coupled_heaters": Exhibit(CoupledHeaters, 1.0, (3.0, 0.02, 0.0), 3.0, 5.0, 1200.0, (35.0, 75.0)),
+    "furnace": Exhibit(Furnace, 2.0, (0.5, 0.002, 0.0), 10.0, 5.0, 1500.0, (500.0, 700.0)),
+    "heat_exchanger": Exhibit(HeatExchanger, 1.0, (0.3, 0.012, 0.0), 2.0, 4.0, 400.0, (45.0, 75.0)),
+    "stirred_reactor": Exhibit(StirredReactor, 0.1, (2.0, 1.0, 0.0), 2.0, 2.0, 20.0, (310.0, 336.0)),
+    "neutralisation": Exhibit(Neutralisation, 2.0, (0.5, 0.004, 0.0), 0.3, 1.0, 1200.0, (5.0, 9.5)),
+    "van_de_vusse": Exhibit(VanDeVusse, 0.1, (5.0, 5.0, 0.0), 0.02, 2.0, 40.0, (0.9, 1.25)),
+    "motor_position": Exhibit(MotorPosition, 0.002, (1.0, 0.5, 0.01), 0.5, 0.3, 2.0, (-6.0, 6.0)),
+    "flexible_joint": Exhibit(FlexibleJoint, 0.005, (0.05, 0.25, 0.0), 1.0, 0.1, 5.0, (-4.0, 8.0)),
+    "crane": Exhibit(Crane, 0.02, (20.0, 2.0, 0.0), 0.1, 4.0, 20.0, (-1.0, 1.0)),
+    "levitation": Exhibit(Levitation, 0.002, (-0.6, -2.0, -0.02), 1.0, 0.1, 2.0, (30.0, 70.0)),
+}

@@ -1,0 +1,149 @@
+"""A plant, the controller and the tuner's learning in virtual time: what runs in the nodes, without the messages.
+
+Stands for what the tuner's code holds on to in a node: the tap, the client of the controller, and the wait.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from foreign_plants.gallery import Exhibit
+
+from fopid_core.model.fopid import Fopid
+from fopid_core.runtime.controller import ControllerSettings, FopidController
+from fopid_ros.tuner.learning.history import SIGNALS, History
+from fopid_ros.tuner.learning.loop_tap import Tick
+from fopid_ros.tuner.learning.loop_wait import Stage
+
+
+class TooLongError(Exception):
+    """The tuner waits for more than it may."""
+
+
+@dataclass
+class Trace:
+    """Signals of each tick, lists of equal length; ``true`` is the output without the sensor's faults."""
+
+    time: list[float] = field(default_factory=list)
+    setpoint: list[float] = field(default_factory=list)
+    true: list[float] = field(default_factory=list)
+    control: list[float] = field(default_factory=list)
+
+    def part(self, first: int, last: int | None = None) -> tuple[np.ndarray, ...]:
+        """Arrays of the ticks from ``first`` to ``last``."""
+        return tuple(np.array(values[first:last]) for values in (self.time, self.setpoint, self.true, self.control))
+
+
+class VirtualLoop:
+    """The closed loop of an exhibit, which begins at rest.
+
+    Parameters
+    ----------
+    exhibit : Exhibit
+    seed : int
+        Of the sensor.
+    history : float
+        What the tuner keeps [s].
+    longest : float
+        Virtual time after which it is given up [s].
+    """
+
+    def __init__(self, exhibit: Exhibit, seed: int = 0, history: float = 600.0, longest: float = math.inf) -> None:
+        self.exhibit, self.sample_time, self.longest = exhibit, exhibit.sample_time, longest
+        self.plant = exhibit.plant(seed)
+        actuator, rest = self.plant.actuator, self.plant.control_at_rest
+        self.controller = FopidController(ControllerSettings(
+            Fopid(*exhibit.gains, 1.0, 1.0), exhibit.sample_time, safe_control=rest,
+            control_min=actuator.low, control_max=actuator.high,
+        ))  # fmt: skip
+        self.setpoint = self.plant.output(self.plant.state)
+        self.controller.set_mode("manual")
+        self.controller.step(self.setpoint, self.plant.measurement, manual=rest)
+        self.controller.set_mode("auto")
+        self.history, self.trace = History(history), Trace()
+        self.stages: list[Stage] = []
+        self.added = self._taken = 0.0
+        self._ticks = 0
+        self._hook: Callable[[Tick], None] | None = None
+        self.statuses: list[str] = []
+
+    @property
+    def time(self) -> float:
+        """Since the beginning [s]."""
+        return self._ticks * self.sample_time
+
+    def tick(self) -> None:
+        """One tick; what the tuner adds is felt at the next."""
+        measured, time = self.plant.measurement, self.time
+        control = self.controller.step(self.setpoint, measured, feedforward=self.added)
+        values = (self.setpoint, measured, control)
+        for name, value in zip(SIGNALS, values, strict=True):
+            self.history.add(name, time, value)
+        trace = self.trace
+        for kept, value in zip(
+            (trace.time, trace.setpoint, trace.true, trace.control),
+            (time, self.setpoint, self.plant.output(self.plant.state), control),
+            strict=True,
+        ):
+            kept.append(value)
+        if self._hook is not None:
+            self._hook(Tick(time, *values))
+        self.plant.step(control, self.sample_time)
+        self._ticks += 1
+
+    def run(self, seconds: float) -> int:
+        """Let time pass; the number of the first tick."""
+        first = self._ticks
+        for _ in range(round(seconds / self.sample_time)):
+            self.tick()
+        return first
+
+    # The tap.
+
+    def set_tick_hook(self, hook: Callable[[Tick], None] | None) -> None:
+        self._hook = hook
+
+    def inject(self, value: float) -> None:
+        self.added = value
+
+    def begin_injection(self) -> None:
+        self.added = 0.0
+
+    def end_injection(self) -> None:
+        self._hook, self.added = None, 0.0
+
+    # The controller's client.
+
+    def get(self, *names: str) -> list[Any]:
+        settings = self.controller.settings
+        known = dict(zip(("kp", "ki", "kd", "lam", "mu"), settings.gains.gains, strict=True), mode="auto")
+        return [known[name] if name in known else getattr(settings, name) for name in names]
+
+    def gains(self) -> Fopid:
+        return self.controller.settings.gains
+
+    def apply(self, gains: Fopid, status: str = "") -> Fopid:
+        before = self.gains()
+        self.controller.reconfigure(replace(self.controller.settings, gains=gains))
+        self.statuses.append(status)
+        return before
+
+    def confirm(self) -> None:
+        self.statuses.append("verified")
+
+    # The wait.
+
+    def report(self, stage: Stage) -> None:
+        self.stages.append(stage)
+
+    def until(self, done: Callable[[], bool], stage: Callable[[], Stage]) -> None:
+        while not done():
+            if self.time > self.longest:
+                raise TooLongError(f"{stage().phase} after {self.time:g} s")
+            self.tick()
+            if self._ticks % 50 == 0:
+                self.stages.append(stage())
