@@ -58,6 +58,17 @@ test-jazzy: ## Fast tests, every verb and the demonstration with the libraries o
 test-verbs: venv ## Run each verb of the command line once
 	@$(PYTEST) -m 'slow or not slow' tests/core/cli/test_verbs.py $(ARGS)
 
+.PHONY: coverage
+coverage: venv ## Branches that the fast tests take, the nodes' processes included [ARGS=tests/core]
+	@export COVERAGE_FOLDER="$(CURDIR)/build/coverage"; \
+	rm -rf "$$COVERAGE_FOLDER"; \
+	$(subst -m pytest,-m coverage run -m pytest,$(PYTEST)) $(ARGS); \
+	"$(BIN)/python" -m coverage combine --quiet; \
+	report=("$(BIN)/python" -m coverage report); \
+	if [[ -n "$(ARGS)" ]]; then "$${report[@]}"; exit; fi; \
+	"$${report[@]}" --include='src/fopid_core/*' --fail-under=95; \
+	"$${report[@]}" --include='src/fopid_ros/*' --fail-under=90
+
 .PHONY: bench
 bench: venv ## Measure the performance figures, each beside its baseline
 	@"$(BIN)/fopid" benchmark $(ARGS)
