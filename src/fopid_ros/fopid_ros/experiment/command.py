@@ -73,6 +73,7 @@ def run_phases(node: ExperimentNode, console: Console) -> None:
             node.run_phase(first, end, lambda now: bar.update(task, completed=now))
         bar.update(task, completed=node.experiment.duration, description="done")
     node.drain(node.experiment.boundaries[-1])
+    node.refuse_other_loops()
 
 
 def conduct(experiment: Experiment, folder: Path, console: Console) -> int:

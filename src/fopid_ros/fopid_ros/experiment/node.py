@@ -138,12 +138,22 @@ class ExperimentNode(Node):
                 if time.monotonic() > deadline:
                     raise InputError(f"{missing} (domain {self.context.get_domain_id()})")
                 self.spin(SLICE)
-        refuse_other_loops(self, allowed=1)
+        self.refuse_other_loops()
         while not self.listening():
             self.spin(SLICE)
         if self.lockstep:
             for node, parameter in (("plant_simulator", "advance_until"), ("fopid_controller", "bumpless")):
                 self._await_recorder_matched(node, parameter)
+
+    def refuse_other_loops(self) -> None:
+        """A second loop may be found seconds after the first, on a busy machine: looked for before each phase.
+
+        Raises
+        ------
+        InputError
+            If there is one, naming its nodes.
+        """
+        refuse_other_loops(self, allowed=1)
 
     def _await_recorder_matched(self, node: str, parameter: str) -> None:
         """Wait until a node knows of the recorder's subscriptions, so that nothing it publishes is missed.
@@ -177,6 +187,7 @@ class ExperimentNode(Node):
 
     def begin_phase(self, phase: Phase) -> None:
         """Make the changes a phase starts with; in lockstep all are in place before the loop goes on."""
+        self.refuse_other_loops()
         if phase.tune is not None:
             self.tune(phase.tune)
         if phase.changes:

@@ -17,6 +17,7 @@ from fopid_core.study.bags.bag import read_bag
 from fopid_core.study.reports.parts import controller_text
 from fopid_core.study.reports.report import render, write_report
 
+from .. import recording
 from ..recording import EXPERIMENT, Recording, record_loop
 
 
@@ -48,11 +49,11 @@ class Outline(HTMLParser):
 
 
 def record(folder: Path, experiment: str = EXPERIMENT) -> Path:
-    recording = Recording(folder, StoragePlugin.MCAP)
-    record_loop(recording)
-    recording.writer.set_custom_data("experiment", experiment)
-    recording.writer.set_custom_data("versions", "fopid_core 1.2.3")
-    recording.writer.close()
+    made = Recording(folder, StoragePlugin.MCAP)
+    record_loop(made)
+    made.writer.set_custom_data("experiment", experiment)
+    made.writer.set_custom_data("versions", "fopid_core 1.2.3")
+    made.writer.close()
     return folder
 
 
@@ -104,6 +105,13 @@ def test_the_picture_is_as_wide_as_a_page_of_a_journal(bag: Path, tmp_path: Path
     with Image.open(image) as picture:
         assert picture.size == (2148, 1320)  # 7.16 by 4.4 inch at 300 dots per inch
         assert len(picture.convert("RGB").getcolors(maxcolors=2148 * 1320)) > 100
+
+
+def test_a_loop_that_began_without_gains_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording, "START", Fopid(kp=0.0))  # |L| is 0, and its logarithm fits no page
+    outline = Outline(render([read_bag(record(tmp_path / "bag"))]))
+    assert "there is no feedback" in outline.text
+    assert "tuned by frequency" in outline.text
 
 
 def test_texts_from_a_bag_cannot_become_markup(tmp_path: Path) -> None:

@@ -224,6 +224,8 @@ def _loop(run: Run, change: Retuning, key: str, figures: Figures) -> str:
     """Measures and figures of the loop; only the tuner's word where the process is not known."""
     if run.process is None:
         return measures(change.tuning.achieved) if change.tuning else ""
+    if not any((change.gains.kp, change.gains.ki, change.gains.kd)):
+        return '<p class="quiet">All three gains are zero: there is no feedback, and no loop to judge.</p>'
     loop = Loop(run.process, change.gains)
     verdict = stability(loop)
     if not verdict.stable:
