@@ -43,6 +43,12 @@ def own_domain() -> AbstractContextManager[int]:
     return domain_id(lambda: next(_DOMAINS))
 
 
+def only_line(text: str) -> str:
+    """The one line that a text is; what else there is is shown."""
+    assert text.count("\n") == 1, text
+    return text.strip()
+
+
 class Graph:
     """Starts nodes, talks to them, ends them."""
 

@@ -32,6 +32,8 @@ CONTROLLERS = {
         Fopid(0.5, 0.1, 0.01, 0.9, 0.5), control_max=1.2, tracking_time=2.0, derivative_filter_time=0.05,
         derivative_setpoint_weight=0.0, setpoint_weight=0.5, setpoint_rate_max=3.0, deadband=0.01, safe_control=0.1,
     ),
+    "no integral": ControllerSettings(Fopid(1.2, 0.0, 0.1, 1.0, 0.8), control_max=2.0, safe_control=0.1),
+    "order 0": ControllerSettings(Fopid(0.5, 0.5, 0.1, 0.0, 0.8)),
     "inverse not stable": ControllerSettings(Fopid(1.0, 1.0, 0.001, 1.0, 2.0), control_max=1.0),
 }  # fmt: skip
 

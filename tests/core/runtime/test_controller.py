@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from fopid_core.data import paper_tables
@@ -164,6 +164,7 @@ def test_a_hold_keeps_the_control_and_the_next_step_goes_on_from_it(
     gains: Fopid, missing: int, policy: float | None, signals: tuple, filter_time: float
 ) -> None:
     setpoint, measured, fed = signals
+    assume(gains.ki != 0.0)  # without an integral the control goes back, see below
     controller = FopidController(ControllerSettings(gains, derivative_filter_time=filter_time))
     for k in range(40):
         last = controller.step(1.0, 0.01 * k, feedforward=0.2)
@@ -177,6 +178,36 @@ def test_a_hold_keeps_the_control_and_the_next_step_goes_on_from_it(
     gathered = abs(gains.ki) * 21.0 * 0.01**gains.lam / math.gamma(1.0 + gains.lam) + 1e-6
     trend = abs(controller.state.integral) + 1.0
     assert abs(controller.step(setpoint, measured, feedforward=fed) - held) < gathered + 0.02 * abs(gains.ki) * trend
+
+
+NOT_INTEGRATING = (Fopid(2.0), Fopid(2.0, 0.0, 0.3), Fopid(1.5, 0.5, 0.1, lam=0.0))
+
+
+@pytest.mark.parametrize("gains", NOT_INTEGRATING, ids=str)
+@pytest.mark.parametrize("held", [1, 2, 7, 200])
+def test_without_an_integral_the_control_is_that_of_its_law_again_as_long_after_a_hold_as_that_lasted(
+    gains: Fopid, held: int
+) -> None:
+    """Beside a controller that was never held, while both signals stand still: what is left is the way back."""
+    holding, unheld = (FopidController(ControllerSettings(gains)) for _ in range(2))
+    for _ in range(9):
+        unheld.step(1.0, 0.3)
+        before = holding.step(2.0, 0.3)
+    goal = (gains.kp + (gains.ki if gains.lam == 0.0 else 0.0)) * 0.7
+    assert unheld.state.control == pytest.approx(goal)
+    for _ in range(held):
+        assert holding.hold() == before
+    back = [holding.step(1.0, 0.3) for _ in range(held + 50)]
+    way = [goal + (before - goal) * max(1.0 - (k + 1) / held, 0.0) for k in range(held + 50)]
+    first = 0 if gains.lam else held  # an integral of order 0 is not kept from jumping, only from staying away
+    assert back[first:] == pytest.approx(way[first:])
+
+
+def test_without_an_integral_and_with_every_other_sample_missing_the_control_still_follows() -> None:
+    controller = FopidController(ControllerSettings(Fopid(2.0)))
+    for k in range(100):
+        assert controller.step(math.sin(0.1 * k), 0.1) == pytest.approx(2.0 * (math.sin(0.1 * k) - 0.1), abs=1e-12)
+        controller.hold()
 
 
 def test_after_a_hold_the_loop_settles_again_even_when_every_other_sample_is_missing() -> None:

@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from fopid_msgs.msg import ScalarStamped
 
-from ..conftest import BIN, Graph
+from ..conftest import BIN, Graph, only_line
 from .fed import FedController
 
 NAME = "fopid_controller"
@@ -182,7 +182,7 @@ def test_a_start_that_cannot_be_configured_ends_with_one_line(graph: Graph, para
     command = [BIN / NAME, "--ros-args", "-p", parameter]
     ended = subprocess.run(command, env=graph.environment, timeout=100, capture_output=True, text=True, check=False)
     assert ended.returncode == 2
-    (line,) = ended.stderr.splitlines()
+    line = only_line(ended.stderr)
     assert line.startswith("error: ")
     assert told in line
 

@@ -22,7 +22,7 @@ from fopid_core.errors import InputError
 from fopid_ros.controller.parameters import SPECS
 from fopid_ros.controller.retained import Retained, Retainer, _checksum, decoded, encoded, file_name
 
-from ..conftest import Graph
+from ..conftest import Graph, only_line
 
 NAME = "fopid_controller"
 NODE = f"/{NAME}"
@@ -246,8 +246,7 @@ def test_gains_on_trial_that_are_taken_back_are_what_they_were_before(graph: Gra
 def test_a_start_without_a_place_to_keep_gains_ends_with_one_line(graph: Graph, parameters: dict, told: str) -> None:
     process = graph.start(NAME, parameters)
     assert process.wait(30) == 2
-    (line,) = process.log.read_text().splitlines()
-    assert line.startswith(f"error: {told}")
+    assert only_line(process.log.read_text()).startswith(f"error: {told}")
 
 
 def test_no_file_outside_the_directory_is_written(graph: Graph, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from fopid_msgs.msg import FopidState, ScalarStamped
 from fopid_msgs.srv import Identify, Reduce, Tune
 
-from ..conftest import Graph
+from ..conftest import Graph, only_line
 from .test_autotune import PI, ForeignLoop
 
 TUNER = "fopid_tuner"
@@ -170,8 +170,7 @@ def test_a_pipe_in_place_of_a_process_file_is_refused_and_hangs_nobody(graph: Gr
     os.mkfifo(pipe)
     plant = graph.start("plant_simulator", {"process": str(pipe)})
     assert plant.wait(15) == 2
-    (line,) = plant.log.read_text().splitlines()
-    assert str(pipe) in line
+    assert str(pipe) in only_line(plant.log.read_text())
 
 
 def test_a_state_that_nobody_hears_is_not_sent_and_its_rate_can_be_limited(graph: Graph) -> None:

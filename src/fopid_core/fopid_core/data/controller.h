@@ -44,6 +44,7 @@ typedef struct {
     ${name}_real control, remembered;                                 /* given; and what is remembered stands for */
     ${name}_real setpoint, last_error;                                /* within its rate; without its deadband */
     ${name}_real control_min, control_max, control_step;              /* limits; largest change per tick */
+    ${name}_real owed, ticks_to_pay;                                  /* of the bias: what holds left; how long it goes */
     int manual, started, held;                                        /* flags */
 } ${name}_state;
 
@@ -102,11 +103,20 @@ static inline void ${name}_take_up(${name}_state *c, ${name}_real step)
     c->integral += step;
 }
 
+/* The same for a hold. A controller that does not integrate gives it back in as many ticks as were held. */
+static inline void ${name}_owe(${name}_state *c, ${name}_real step)
+{
+    ${name}_take_up(c, step);
+    c->owed += step;
+}
+
 /* Manual (not 0): the control follows the argument manual of step. The control does not jump either way. */
 static inline void ${name}_set_manual(${name}_state *c, int manual)
 {
-    if (c->manual && !manual)
+    if (c->manual && !manual) {
         ${name}_take_up(c, c->control - c->proportional - c->integral - c->derivative - c->feedforward);
+        c->owed = c->ticks_to_pay = 0;
+    }
     c->manual = manual != 0;
 }
 
@@ -120,9 +130,10 @@ static inline ${name}_real ${name}_limit(const ${name}_state *c, ${name}_real wa
 static inline ${name}_real ${name}_hold(${name}_state *c, ${name}_real wanted)
 {
     const ${name}_real held = ${name}_limit(c, ${name}_usable(wanted) ? wanted : c->control);
-    ${name}_take_up(c, held - c->proportional - c->integral - c->derivative - c->feedforward);
+    ${name}_owe(c, held - c->proportional - c->integral - c->derivative - c->feedforward);
     c->control = c->remembered = held;
     c->held = 1;
+    c->ticks_to_pay += 1;
     return held;
 }
 
@@ -207,8 +218,14 @@ static inline ${name}_real ${name}_step(${name}_state *c, ${name}_real setpoint,
     ${name}_carry_on(c, integrated, changing);
     c->proportional = (${name}_real)${kp} * (error - (${name}_real)${off_proportional} * asked);
     if (c->held) {
-        ${name}_take_up(c, before - c->proportional - c->derivative - feedforward);
+        ${name}_owe(c, before - c->proportional - c->derivative - feedforward);
         c->held = 0;
+    }
+    if (${integrates})
+        c->owed = c->ticks_to_pay = 0;
+    if (c->ticks_to_pay > 0) {
+        ${name}_owe(c, -c->owed / c->ticks_to_pay);
+        c->ticks_to_pay -= 1;
     }
     c->setpoint = setpoint;
     c->last_error = error;

@@ -92,6 +92,7 @@ class FopidController:
         self._shift = 0.0  # what bumpless changes have taken out of it
         self._implied_control = self._settings.safe_control  # the control that what is remembered stands for
         self._held = False  # whether the last tick was a hold
+        self._owed, self._ticks_to_pay = 0.0, 0  # the part of the bias that holds left, and in how many ticks it goes
         self.state = ControllerState(control=self._settings.safe_control, mode=self.state.mode)
 
     def reconfigure(self, settings: ControllerSettings) -> None:
@@ -122,6 +123,7 @@ class FopidController:
         if mode == "auto" and state.mode == "manual":
             parts = state.proportional + state.integral + state.derivative + state.feedforward
             self._shift_bias(state.control - parts)
+            self._forgive()
         state.mode = mode
 
     def step(
@@ -177,8 +179,10 @@ class FopidController:
         state.setpoint, state.measurement, state.feedforward = setpoint, measurement, feedforward
         self._advance(setpoint, measurement, last - self._implied_control, tracking is not None)
         if held:
-            self._shift_bias(before - state.proportional - state.derivative - feedforward)
+            self._owe(before - state.proportional - state.derivative - feedforward)
             self._held = False
+        if self._ticks_to_pay:
+            self._pay_back()
         automatic = state.mode == "auto"
         parts = state.proportional + state.integral + state.derivative + feedforward
         unlimited = parts if automatic else manual
@@ -196,7 +200,8 @@ class FopidController:
 
         What is remembered of the signals stands still. The integral takes up the difference, so that the next
         ``step`` goes on from the held control: proportional, derivative and feedforward begin there without a
-        jump, whatever the inputs did meanwhile, and only the integral moves it.
+        jump, whatever the inputs did meanwhile, and only the integral moves it. A controller that does not
+        integrate gives the difference back in equal parts, in as many ticks as were held.
 
         Parameters
         ----------
@@ -219,8 +224,9 @@ class FopidController:
             raise _refused(control=wanted)
         held = self._limit(wanted, state.control)
         state.control_unlimited, state.control, state.saturated = wanted, held, held != wanted
-        self._shift_bias(held - state.proportional - state.integral - state.derivative - state.feedforward)
+        self._owe(held - state.proportional - state.integral - state.derivative - state.feedforward)
         self._implied_control, self._held = held, True
+        self._ticks_to_pay += 1
         return held
 
     def _install(self, settings: ControllerSettings) -> None:
@@ -230,6 +236,7 @@ class FopidController:
         operators = self._operators
         operators.set_weights(integral_weights(band, gains.lam), derivative_weights(band, gains.mu))
         self._kp, self._ki, self._kd = gains.kp, gains.ki, gains.kd
+        self._integrates = gains.ki != 0.0 and gains.lam > 0.0
         self._off_proportional = 1.0 - settings.setpoint_weight
         self._setpoint_move_max = settings.setpoint_rate_max * settings.sample_time
         self._low, self._high = settings.control_min, settings.control_max
@@ -300,6 +307,23 @@ class FopidController:
         """The integral goes on from ``step`` higher."""
         self._bias += step
         self.state.integral += step
+
+    def _owe(self, step: float) -> None:
+        """The same for a hold, which leaves no constant behind."""
+        self._shift_bias(step)
+        self._owed += step
+
+    def _pay_back(self) -> None:
+        """After holds, one tick's part of what they left; an integral, where there is one, does so by itself."""
+        if self._integrates:
+            self._forgive()
+            return
+        self._owe(-self._owed / self._ticks_to_pay)
+        self._ticks_to_pay -= 1
+
+    def _forgive(self) -> None:
+        """What holds left in the bias stays there."""
+        self._owed, self._ticks_to_pay = 0.0, 0
 
     def _limit(self, wanted: float, last: float) -> float:
         limited = _limited(wanted, self._low, self._high)
