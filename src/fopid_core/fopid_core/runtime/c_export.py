@@ -46,6 +46,8 @@ def c_header(settings: ControllerSettings, name: str = "fopid_controller") -> st
     """
     if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
         raise InputError(f"name {name!r}; allowed: letters, digits and _, a letter first")
+    if settings.angle_wraparound:
+        raise InputError("angle_wraparound = True; allowed in C: False")
     band, gains = settings.active_band, settings.gains
     numbers = {
         "sample_time": settings.sample_time, "low": f"{band.low:.3g}", "high": f"{band.high:.3g}",

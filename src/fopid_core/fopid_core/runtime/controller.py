@@ -19,6 +19,8 @@ __all__ = ["AntiWindup", "ControllerSettings", "ControllerState", "FopidControll
 
 Mode = Literal["auto", "manual"]
 
+TURN = 2.0 * math.pi
+
 
 @dataclass(slots=True)
 class ControllerState:
@@ -27,7 +29,8 @@ class ControllerState:
     Attributes
     ----------
     setpoint, measurement, error : float
-        As the controller took them: the setpoint within its rate, the error without its deadband.
+        As the controller took them: the setpoint within its rate, the error without its deadband, angles that wrap
+        around without their jumps.
     proportional, integral, derivative, feedforward : float
         The parts of the control; the integral carries what bumpless changes have left behind.
     control_unlimited, control : float
@@ -87,6 +90,7 @@ class FopidController:
         self._operators.reset()
         self._bias = 0.0  # what bumpless changes have left behind; a constant, as an integrator would hold it
         self._started = False
+        self._last = self._manual = self._before = 0.0  # from ``begin`` to ``finish``
         self._origin = 0.0  # the first measurement: signals count from there
         self._differentiated = 0.0  # the differentiated signal
         self._shift = 0.0  # what bumpless changes have taken out of it
@@ -155,6 +159,19 @@ class FopidController:
         InputError
             If a signal is not finite, or beyond 1e100; the controller is then as it was before the call.
         """
+        integrated, changing, correction = self.begin(setpoint, measurement, feedforward, manual, tracking)
+        integral, derivative = self._operators.push(integrated, changing, correction)
+        return self.finish(integral, derivative)
+
+    def begin(
+        self, setpoint: float, measurement: float, feedforward: float, manual: float, tracking: float | None
+    ) -> tuple[float, float, float]:
+        """The first half of ``step``: what the operators are to push.
+
+        Returns
+        -------
+        integrated, differentiated, correction : float
+        """
         if not (
             LOWEST <= setpoint <= LARGEST
             and LOWEST <= measurement <= LARGEST
@@ -163,29 +180,39 @@ class FopidController:
         ):
             raise _refused(setpoint=setpoint, measurement=measurement, feedforward=feedforward, manual=manual)
         state = self.state
-        last = state.control
+        self._last = last = state.control
         if tracking is not None:
             if not LOWEST <= tracking <= LARGEST:
                 raise _refused(tracking=tracking)
-            last = tracking
+            self._last = last = tracking
+        if self._wraps:
+            if self._started:
+                measurement = nearest_turn(measurement, state.measurement)
+            setpoint = nearest_turn(setpoint, measurement)
         if not self._started:
             self._start(measurement, last)
         if self._setpoint_move_max < math.inf:
             setpoint = _limited(
                 setpoint, state.setpoint - self._setpoint_move_max, state.setpoint + self._setpoint_move_max
             )
-        held = self._held
-        before = state.proportional + state.derivative + state.feedforward if held else 0.0
+        if self._held:
+            self._before = state.proportional + state.derivative + state.feedforward
         state.setpoint, state.measurement, state.feedforward = setpoint, measurement, feedforward
-        self._advance(setpoint, measurement, last - self._implied_control, tracking is not None)
-        if held:
-            self._owe(before - state.proportional - state.derivative - feedforward)
+        self._manual = manual
+        return self._advance(setpoint, measurement, last - self._implied_control, tracking is not None)
+
+    def finish(self, integral: float, derivative: float) -> float:
+        """The second half of ``step``: the control from what the operators have become."""
+        state, last = self.state, self._last
+        self._read(integral, derivative)
+        if self._held:
+            self._owe(self._before - state.proportional - state.derivative - state.feedforward)
             self._held = False
         if self._ticks_to_pay:
             self._pay_back()
         automatic = state.mode == "auto"
-        parts = state.proportional + state.integral + state.derivative + feedforward
-        unlimited = parts if automatic else manual
+        parts = state.proportional + state.integral + state.derivative + state.feedforward
+        unlimited = parts if automatic else self._manual
         free = (
             self._low <= unlimited <= self._high
             and -self._control_move_max <= unlimited - last <= self._control_move_max
@@ -242,6 +269,7 @@ class FopidController:
         self._low, self._high = settings.control_min, settings.control_max
         self._control_move_max = settings.control_rate_max * settings.sample_time
         self._deadband, self._derivative_weight = settings.deadband, settings.derivative_setpoint_weight
+        self._wraps = settings.angle_wraparound
         correction = None if settings.tracking_time else conditioning(operators, gains)
         self._conditioned = correction is not None
         if correction is not None:
@@ -266,8 +294,8 @@ class FopidController:
         self._origin = self.state.setpoint = measurement
         self._implied_control = control
 
-    def _advance(self, setpoint: float, measurement: float, excess: float, tracks: bool) -> None:
-        """Carry on what is remembered, and read the three parts."""
+    def _advance(self, setpoint: float, measurement: float, excess: float, tracks: bool) -> tuple[float, float, float]:
+        """What is to be integrated, differentiated and corrected at this tick."""
         correction = self._windup_excess(excess) if excess else 0.0
         error = setpoint - measurement
         if self._deadband:
@@ -284,8 +312,7 @@ class FopidController:
             integrated = correction = 0.0
         elif correction and (tracks or not self._conditioned):
             integrated, correction = error + self._tracking_gain * correction, 0.0
-        integral, derivative = self._operators.push(integrated, changing, correction)
-        self._read(integral, derivative)
+        return integrated, changing, correction
 
     def _windup_excess(self, excess: float) -> float:
         """How much of the excess of the last tick what is remembered has to take in."""
@@ -328,6 +355,17 @@ class FopidController:
     def _limit(self, wanted: float, last: float) -> float:
         limited = _limited(wanted, self._low, self._high)
         return _limited(limited, last - self._control_move_max, last + self._control_move_max)
+
+
+def nearest_turn(angle: float, near: float) -> float:
+    """The angle, whole turns added, that is nearest to another one [rad].
+
+    Examples
+    --------
+    >>> round(nearest_turn(-3.0, 3.0), 4)
+    3.2832
+    """
+    return angle + TURN * round((near - angle) / TURN)
 
 
 def _limited(value: float, low: float, high: float) -> float:

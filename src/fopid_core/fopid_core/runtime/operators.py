@@ -16,7 +16,7 @@ from fopid_core.runtime.filter_bank import Band, DerivativeWeights, IntegralWeig
 Matrix = NDArray[np.float64]
 
 TINY = 1e-150  # what is smaller counts as nothing
-_TICKS_BETWEEN_SWEEPS = 1024
+TICKS_BETWEEN_SWEEPS = 1024
 
 
 class Operators:
@@ -87,6 +87,12 @@ class Operators:
         self._now[self.size - 1] = after
         return float(before - after)
 
+    def keep_in(self, matrix: Matrix, memory: Vector) -> None:
+        """Let matrix and memory live in these arrays from now on: rows of a bank, which then does the ticks."""
+        matrix[...], memory[...] = self.matrix, self._now
+        self.matrix, self._now = matrix, memory
+        self._multiply, self._outputs = matrix.dot, memory[-2:]
+
     def set_weights(self, integral: IntegralWeights, derivative: DerivativeWeights) -> None:
         """Read by these from now on; what is remembered stays."""
         n = self.integrated
@@ -117,7 +123,7 @@ class Operators:
         self._now, self._next = after, now
         self._outputs, self._next_outputs = self._next_outputs, self._outputs
         self._ticks += 1
-        if self._ticks == _TICKS_BETWEEN_SWEEPS:
+        if self._ticks == TICKS_BETWEEN_SWEEPS:
             self._sweep()
         return self._outputs.tolist()  # type: ignore[no-any-return]
 

@@ -59,6 +59,9 @@ class ControllerSettings:
         On a change of the gains, whether the integral takes up the step between old and new reading.
     safe_control : float
         The control signal before the first tick and while the controller is not running.
+    angle_wraparound : bool
+        Setpoint and measurement are angles [rad] of something that turns without end, so that a turn more is the same
+        place: the error is the shortest way, -pi to pi.
     """
 
     gains: Fopid
@@ -77,6 +80,7 @@ class ControllerSettings:
     horizon: float = 0.0
     setpoint_rate_max: float = math.inf
     deadband: float = 0.0
+    angle_wraparound: bool = False
 
     def __post_init__(self) -> None:
         for name in ("kp", "ki", "kd"):

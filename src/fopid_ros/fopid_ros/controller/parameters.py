@@ -36,6 +36,8 @@ SPECS = (
     Spec("setpoint.initial", math.inf, "setpoint until one comes; inf waits for one", at_configure=True),
     Spec("setpoint_rate_max", math.inf, "largest change of the setpoint per second; inf for none", 0.0),
     Spec("deadband", 0.0, "errors up to this size count as zero [measurement unit]", 0.0, LARGEST),
+    Spec("angle_wraparound", False, "setpoint and measurement are angles [rad] that wrap around: the error is the "
+         "shortest way, -pi to pi"),
     Spec("setpoint_weight", 1.0, "share of the setpoint in the proportional part", 0.0, 1.0),
     Spec("derivative_setpoint_weight", 1.0, "the same for the derivative; 0: of the measurement alone", 0.0, 1.0),
     Spec("derivative_filter_time", 0.0, "time constant of the lag before the derivative [s]", 0.0, 1e9),
@@ -80,6 +82,7 @@ SPECS = (
 _SAME_IN_THE_CORE = (
     "sample_time", "setpoint_weight", "derivative_setpoint_weight", "derivative_filter_time", "control_rate_max",
     "antiwindup", "tracking_time", "bumpless", "safe_control", "horizon", "setpoint_rate_max", "deadband",
+    "angle_wraparound",
 )  # fmt: skip
 
 

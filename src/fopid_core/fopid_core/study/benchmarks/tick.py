@@ -37,14 +37,19 @@ class FullMemory(FopidController):
         self._past = np.zeros(2 * samples)
         self._newest = samples
 
-    def _advance(self, setpoint: float, measurement: float, excess: float, tracks: bool) -> None:  # noqa: ARG002
+    def step(
+        self, setpoint: float, measurement: float, feedforward: float = 0.0, manual: float = 0.0,
+        tracking: float | None = None,
+    ) -> float:  # fmt: skip
+        """One tick, as in ``FopidController``."""
+        self.begin(setpoint, measurement, feedforward, manual, tracking)
         if self._newest == 0:
             self._past[self._samples :] = self._past[: self._samples]
             self._newest = self._samples
         self._newest -= 1
-        self.state.error = self._past[self._newest] = setpoint - measurement
+        self._past[self._newest] = self.state.error
         past = self._past[self._newest : self._newest + self._samples]
-        self._read(float(self._integral_weights.dot(past)), float(self._derivative_weights.dot(past)))
+        return self.finish(float(self._integral_weights.dot(past)), float(self._derivative_weights.dot(past)))
 
 
 def _differences(order: float, count: int) -> NDArray[np.float64]:
