@@ -123,6 +123,7 @@ def test_values_that_are_not_finite_never_reach_the_output(graph: Graph) -> None
     graph.start("fopid_controller", {"kp": 1.0, "ki": 0.4})
     diagnostics = graph.listen(DiagnosticArray, "/diagnostics")
     controls = graph.listen(ScalarStamped, "control")
+    states = graph.listen(FopidState, "fopid_controller/state")
     measurement = graph.node.create_publisher(ScalarStamped, "measurement", 10)
     setpoint = graph.node.create_publisher(ScalarStamped, "setpoint", 1)
     graph.until(lambda: measurement.get_subscription_count() and setpoint.get_subscription_count(), "the controller")
@@ -133,16 +134,22 @@ def test_values_that_are_not_finite_never_reach_the_output(graph: Graph) -> None
         return bool(controls) and controls[-1].value > 0.5
 
     graph.until(answered, "a control")
-    for value in (math.nan, math.inf, -math.inf):
-        measurement.publish(ScalarStamped(value=value))
-        graph.spin(0.2)
-    setpoint.publish(ScalarStamped(value=math.nan))
+    graph.until(lambda: states, "a state")
+    for publisher, value in [(measurement, math.nan), (measurement, math.inf), (measurement, -math.inf),
+                             (setpoint, math.nan)]:  # fmt: skip
+        before = states[-1].refused
 
-    def refused() -> bool:
+        def refused(publisher=publisher, value=value, before=before) -> bool:
+            publisher.publish(ScalarStamped(value=value))
+            return states[-1].refused > before
+
+        graph.until(refused, f"{value} of {publisher.topic_name} is refused")
+
+    def counted() -> bool:
         values = {v.key: v.value for v in diagnostics[-1].status[0].values} if diagnostics else {}
-        return values.get("non-finite inputs refused") == "4"
+        return values.get("non-finite inputs refused") == str(states[-1].refused)
 
-    graph.until(refused, "diagnostics that count them")
+    graph.until(counted, "diagnostics that count them")
     assert controls
     assert all(math.isfinite(message.value) for message in controls)
     assert controls[-1].value > 0.5

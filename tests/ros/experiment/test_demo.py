@@ -120,9 +120,10 @@ def test_a_killed_demo_leaves_no_process(tmp_path: Path) -> None:
     with own_domain() as domain:
         demo = subprocess.Popen([BIN / "fopid_demo", "--out", tmp_path / "run"], env=environment(domain),
                                 stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)  # fmt: skip
-        time.sleep(3.5)
-        children = psutil.Process(demo.pid).children(recursive=True)
-        assert len(children) >= 4
+        deadline = time.monotonic() + 60.0
+        while len(children := psutil.Process(demo.pid).children(recursive=True)) < 4:
+            assert time.monotonic() < deadline, "plant, controller, tuner and experiment"
+            time.sleep(0.1)
         demo.kill()
         demo.wait(10)
         _, alive = psutil.wait_procs(children, timeout=15)

@@ -31,7 +31,7 @@ from fopid_core.study.reports.completeness import samples
 from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
 from fopid_ros.experiment.recorder import Recorder
 
-from ..conftest import BIN, Graph
+from ..conftest import BIN, Graph, without_middleware
 
 FAST_TOPICS = {"setpoint": ScalarStamped, "measurement": ScalarStamped, "state": FopidState, "/clock": Clock}
 
@@ -103,7 +103,9 @@ class Helper:
         self.process = subprocess.Popen(command, env=graph.environment, text=True, **pipes)
 
     def hear(self) -> str:
-        return self.process.stdout.readline().strip()
+        while not (line := without_middleware(told := self.process.stdout.readline())) and told:
+            pass
+        return line.strip()
 
     def say(self, line: object = "") -> None:
         self.process.stdin.write(f"{line}\n")

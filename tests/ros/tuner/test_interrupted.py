@@ -24,6 +24,8 @@ from .test_autotune import PI, ForeignLoop
 TUNER = "fopid_tuner"
 GONE = 1.0
 """Within this time of its author's end an addend must be gone [s]."""
+FADE = 0.5  # [s] of that time, the second half
+CLOCKS = 0.02  # [s] between the reading of a state's stamp and that of its age
 
 
 @pytest.fixture
@@ -40,6 +42,10 @@ def excited(loop: ForeignLoop, **goal: Any) -> tuple[Any, list[FopidState]]:
     handle = loop.autotune(**{"deviation_max": 0.3, "duration": 30.0, **goal})
     loop.graph.until(lambda: states and states[-1].feedforward, "the excitation")
     return handle, states
+
+
+def stamp_s(told: FopidState) -> float:
+    return told.header.stamp.sec + told.header.stamp.nanosec * 1e-9
 
 
 def change(graph: Graph, label: str) -> bool:
@@ -65,11 +71,11 @@ def test_the_addend_dies_with_its_author_and_without_a_bump(loop: ForeignLoop, e
     finally:
         if end == signal.SIGSTOP:
             os.kill(loop.tuner.pid, signal.SIGKILL)
-    addends = [told.feedforward for told in states[begun:]]
-    assert addends[-1] == 0.0
-    size = max(map(abs, addends))
-    steps = [abs(after - before) for before, after in pairwise(addends)]
-    assert max(steps) < 0.25 * size  # from a constant to nothing in half a second: 50 ticks, some of them late
+    assert states[-1].feedforward == 0.0
+    size = max(abs(told.feedforward) for told in states[begun:])
+    for before, after in pairwise(states[begun:]):  # a straight line from a constant to nothing, however late a tick is
+        passed = stamp_s(after) - stamp_s(before) + CLOCKS
+        assert abs(after.feedforward - before.feedforward) < size * passed / FADE
 
 
 @pytest.mark.slow
