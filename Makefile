@@ -70,9 +70,16 @@ coverage: venv ## Branches that the fast tests take, the nodes' processes includ
 	"$${report[@]}" --include='src/fopid_ros/*' --fail-under=90
 
 .PHONY: bench
-bench: venv ## Measure the performance figures, each beside its baseline
-	@"$(BIN)/fopid" benchmark $(ARGS)
-	@"$(BIN)/fopid_ros_benchmark" $(ARGS)
+bench: venv ## Measure the performance figures, each beside its baseline, into docs/performance.md
+	@mkdir -p build
+	@"$(BIN)/fopid" benchmark --json >build/benchmark_core.json
+	@"$(BIN)/fopid_ros_benchmark" --json >build/benchmark_ros.json
+	@"$(BIN)/python" tools/performance_table.py build/benchmark_core.json build/benchmark_ros.json docs/performance.md
+
+.PHONY: docs
+docs: venv ## Build the documentation, into build/docs
+	@"$(BIN)/sphinx-build" --fail-on-warning --keep-going --quiet -d build/doctrees docs build/docs
+	@echo build/docs/index.html
 
 .PHONY: lint
 lint: venv ## Check format, style, types and who imports whom

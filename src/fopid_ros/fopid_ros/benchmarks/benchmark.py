@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import platform
 import statistics
@@ -236,16 +237,23 @@ def main(args: Sequence[str] | None = None) -> int:
     """Entry point of the command ``fopid_ros_benchmark``."""
     parser = argparse.ArgumentParser(prog="fopid_ros_benchmark", description="Measure the ROS loop.")
     parser.add_argument("--samples", type=int, default=5000, help="samples of each run (5000)")
+    parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
     parser.add_argument("--seconds", type=float, default=5.0, help="length of the jitter measurements [s] (5)")
     for option in OTHERS:
         parser.add_argument(f"--{option}", dest="other", action="store_const", const=option, help=argparse.SUPPRESS)
     options = parser.parse_args(args)
     if options.other:
         return serve(OTHERS[options.other])
-    console = Console()
+    console = Console(stderr=options.json)
     rclpy.init()
     try:
-        console.print(measure(options.samples, options.seconds, console))
+        table = measure(options.samples, options.seconds, console)
+        if options.json:
+            cells = zip(*(column.cells for column in table.columns), strict=True)
+            names = [str(column.header) for column in table.columns]
+            print(json.dumps({"machine": machine(), "figures": [dict(zip(names, row, strict=True)) for row in cells]}))
+        else:
+            console.print(table)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
