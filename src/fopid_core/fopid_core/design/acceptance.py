@@ -32,16 +32,17 @@ def rejection_reason(
         return "not applied: no stable design"
     if not result.success:
         return "not applied: the specification is not met"
-    if result.achieved is None or result.achieved.ms > ms_max:
+    # Each bound is asked to hold: what is not known (NaN) does not.
+    if result.achieved is None or not result.achieved.ms <= ms_max:
         ms = math.nan if result.achieved is None else result.achieved.ms
         return f"not applied: Ms = {ms:.3g} is above verify.ms_max = {ms_max:g}"
     least = ticks * sample_time
-    if result.achieved.delay_margin < least:
+    if not result.achieved.delay_margin >= least:
         too_small = f"delay margin {result.achieved.delay_margin:.3g} s is below {least:.3g} s (verify.ticks)"
         return f"not applied: {too_small}; the loop may be unstable as it runs"
     if result.running is None or not result.running.stable:
         why = "not looked at" if result.running is None else result.running.reason
         return f"not applied: the loop as it runs, with ticks of {sample_time:g} s, is not known to be stable: {why}"
-    if result.running.ms > ms_max:
+    if not result.running.ms <= ms_max:
         return f"not applied: Ms = {result.running.ms:.3g} of the loop as it runs is above verify.ms_max = {ms_max:g}"
     return ""
