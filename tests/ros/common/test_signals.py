@@ -6,10 +6,10 @@ import math
 import struct
 
 import pytest
-from geometry_msgs.msg import PoseWithCovariance, TransformStamped, Vector3
+from geometry_msgs.msg import PoseWithCovariance, Transform, TransformStamped, Vector3
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sensor_msgs.msg import JointState, Temperature
+from sensor_msgs.msg import ChannelFloat32, JointState, MultiDOFJointState, PointCloud, Temperature
 from std_msgs.msg import Float32, Float64, Float64MultiArray, Int8, Int64, UInt16, UInt64
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -129,7 +129,7 @@ def test_a_short_float_says_what_it_holds() -> None:
         ("geometry_msgs/msg/PoseWithCovariance", "covariance[36]", r"index 36 .*; allowed: 0 to 35"),
         ("std_msgs/msg/Bool", "data", "that is boolean; allowed: a number"),
         ("std_msgs/msg/Float64", "", "names with dots and"),
-        ("std_msgs/msg/Float64", "data[x]", "names with dots and"),
+        ("std_msgs/msg/Float64", "data[x]", r"double is no array; allowed: no \[x\]"),
         ("std_msgs/msg/Float64", "data[-1]", "names with dots and"),
         ("std_msgs/msg/Float64", "[0]", "names with dots and"),
         ("std_msgs/msg/_float64", "data", "no message '_float64'"),
@@ -140,3 +140,94 @@ def test_a_wrong_type_or_field_is_named_with_what_is_allowed(type_name: str, fie
         SignalType(type_name, field, "x")
     assert str(raised.value).startswith("x.")
     assert "\n" not in str(raised.value)
+
+
+# Elements by name.
+
+ARM = ("shoulder", "elbow", "wrist")
+ANGLES = dict(zip(ARM, (0.1, 0.2, 0.3), strict=True))
+
+
+@settings(derandomize=True, deadline=None, max_examples=60)
+@given(st.permutations(ARM), st.sampled_from(ARM), st.permutations(ARM))
+def test_a_joint_is_found_wherever_it_stands(first: list[str], wanted: str, second: list[str]) -> None:
+    signal = SignalType("sensor_msgs/msg/JointState", f"position[{wanted}]")
+    for names in (first, second, second):  # the order changes from message to message
+        message = JointState(name=names, position=[ANGLES[name] for name in names])
+        assert (signal.read(message), signal.lacking) == (ANGLES[wanted], "")
+
+
+@pytest.mark.parametrize(
+    ("type_name", "field", "message"),
+    [
+        ("sensor_msgs/msg/MultiDOFJointState", "transforms[base].translation.x",
+         MultiDOFJointState(joint_names=["arm", "base"],
+                            transforms=[Transform(), Transform(translation=Vector3(x=2.5))])),
+        ("trajectory_msgs/msg/JointTrajectory", "points[1].positions[elbow]",
+         JointTrajectory(joint_names=["wrist", "elbow"],
+                         points=[JointTrajectoryPoint(), JointTrajectoryPoint(positions=[7.0, 2.5])])),
+        ("sensor_msgs/msg/PointCloud", "channels[heat].values[1]",
+         PointCloud(channels=[ChannelFloat32(name="light"), ChannelFloat32(name="heat", values=[0.0, 2.5])])),
+        ("sensor_msgs/msg/JointState", "effort[left/arm-2.b]", JointState(name=["left/arm-2.b"], effort=[2.5])),
+    ],
+)  # fmt: skip
+def test_names_stand_in_the_message_around_it_or_in_the_elements(type_name: str, field: str, message: object) -> None:
+    signal = SignalType(type_name, field)
+    assert signal.read(message) == 2.5
+    assert signal.read(signal.writer()(4.5, 0)) == 4.5
+
+
+def test_a_message_for_one_joint_holds_its_name() -> None:
+    written = SignalType("sensor_msgs/msg/JointState", "effort[elbow]").writer()(4.5, 0)
+    assert (list(written.name), list(written.effort), list(written.position)) == (["elbow"], [4.5], [])
+
+
+@pytest.mark.parametrize(
+    ("message", "lacking"),
+    [
+        (JointState(name=["shoulder", "wrist"], position=[1.0, 2.0]), "no 'elbow' in name; allowed: shoulder, wrist"),
+        (JointState(), "no 'elbow' in name; allowed: none are there"),
+        (JointState(name=["elbow", "wrist", "elbow"], position=[1.0, 2.0, 3.0]),
+         "'elbow' stands 2 times in name; allowed: once"),
+        (JointState(name=["wrist", "elbow"], velocity=[1.0, 2.0]),
+         "0 elements in 'position[elbow]', where 'elbow' is number 1; allowed: 2 and more"),
+    ],
+)  # fmt: skip
+def test_a_joint_that_is_not_there_reads_as_no_number_and_is_told(message: JointState, lacking: str) -> None:
+    signal = SignalType("sensor_msgs/msg/JointState", "position[elbow]")
+    good = JointState(name=["elbow"], position=[5.0])
+    assert signal.read(good) == 5.0
+    assert math.isnan(signal.read(message))
+    assert signal.lacking == lacking
+    assert (signal.read(good), signal.lacking) == (5.0, "")
+
+
+@pytest.mark.parametrize(
+    ("type_name", "field", "told"),
+    [
+        (
+            "std_msgs/msg/Float64MultiArray",
+            "data[elbow]",
+            r"does not name its elements; allowed: a number, as in \[0\]",
+        ),
+        ("sensor_msgs/msg/JointState", "position[]", "names with dots and"),
+        ("sensor_msgs/msg/JointState", "position[elbow].x", "double has no 'x'; allowed: nothing below it"),
+        ("std_msgs/msg/Float64", "data[elbow]", r"double is no array; allowed: no \[elbow\]"),
+    ],
+)
+def test_a_name_where_there_is_none_is_refused(type_name: str, field: str, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        SignalType(type_name, field, "x")
+
+
+def test_scale_and_offset_turn_the_number_into_the_signal_and_back() -> None:
+    celsius = SignalType("std_msgs/msg/Float32", "data", "x", scale=5.0 / 9.0, offset=-160.0 / 9.0)
+    assert celsius.read(Float32(data=212.0)) == pytest.approx(100.0)
+    assert celsius.writer()(100.0, 0).data == pytest.approx(212.0)
+    upside_down = SignalType("std_msgs/msg/Int8", "data", scale=-0.5, offset=1.0)
+    assert (upside_down.low, upside_down.high) == (-62.5, 65.0)
+    for end in (-62.5, 65.0):
+        assert upside_down.read(upside_down.writer()(end, 0)) == end
+    for scale in (0.0, 1e-300):
+        with pytest.raises(InputError, match=f"x.scale = {scale}; allowed: 1e-09 and more in size"):
+            SignalType(signal="x", scale=scale)

@@ -1,7 +1,8 @@
 """Loop signals: a number in any message type, found by type name and field path.
 
 ``sensor_msgs/msg/Temperature`` with field ``temperature``, ``std_msgs/msg/Float64`` with field ``data``,
-``std_msgs/msg/Float64MultiArray`` with field ``data[2]``, ``sensor_msgs/msg/JointState`` with ``position[0]``.
+``std_msgs/msg/Float64MultiArray`` with field ``data[2]``, ``sensor_msgs/msg/JointState`` with ``position[0]`` or
+``position[elbow]``: the latter wherever the elbow stands in ``name``, message by message.
 """
 
 from __future__ import annotations
@@ -10,24 +11,26 @@ import importlib
 import math
 import pkgutil
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
 from fopid_core.errors import InputError
+from fopid_ros.common.named_elements import Named, NamedElement, names_field
 from fopid_ros.common.parameters import Spec, nearest
 
 DEFAULT_TYPE = "fopid_msgs/msg/ScalarStamped"
 DEFAULT_FIELD = "value"
 
+SMALLEST_SCALE = 1e-9
 LONGEST = 10_000
 """Of an array whose type sets no bound: one that is written is sent whole at every tick."""
 
-Path = tuple[str | int, ...]
+Path = tuple[str | int | Named, ...]
 
-_STEP = re.compile(r"(?P<name>[A-Za-z_]\w*)|\[(?P<index>\d+)\]")
+_STEP = re.compile(r"(^|\.)(?P<name>[A-Za-z_]\w*)|(?<=.)\[((?P<index>\d+)|(?P<element>[^\[\]\s-][^\[\]]*))\]")
 _ARRAY = re.compile(r"sequence<(?P<element>[^,]+)(, (?P<bound>\d+))?>|(?P<item>[^\[]+)\[(?P<length>\d+)\]")
 _LARGEST_FLOAT32 = (2.0 - 2.0**-23) * 2.0**127
 
@@ -46,14 +49,23 @@ _RANGES = {
 """What each kind of number can hold."""
 
 
-def signal_specs(name: str, *, at_configure: bool = False) -> tuple[Spec, Spec]:
-    """The two parameters that say how a loop signal travels, read at the start or at configure."""
-    fixed, place = not at_configure, "the number's place in that message, as in data or data[2]"
+def signal_specs(name: str, *, at_configure: bool = False) -> tuple[Spec, ...]:
+    """The parameters that say how a loop signal travels, read at the start or at configure."""
+    fixed, place = not at_configure, "the number's place in that message, as in data, data[2] or position[elbow]"
     return (
         Spec(f"{name}.type", DEFAULT_TYPE, f"message type of the topic {name}", read_only=fixed,
              at_configure=at_configure),
         Spec(f"{name}.field", DEFAULT_FIELD, place, read_only=fixed, at_configure=at_configure),
+        Spec(f"{name}.scale", 1.0, f"{name} = scale times the number in the message, plus offset", -1e9, 1e9,
+             read_only=fixed, at_configure=at_configure),
+        Spec(f"{name}.offset", 0.0, "see scale", -1e9, 1e9, read_only=fixed, at_configure=at_configure),
     )  # fmt: skip
+
+
+def signal_type(values: Mapping[str, Any], name: str) -> SignalType:
+    """How a signal travels by its parameters; raises InputError as ``SignalType`` does."""
+    kind, field, scale, offset = (values[f"{name}.{part}"] for part in ("type", "field", "scale", "offset"))
+    return SignalType(kind, field, name, scale, offset)
 
 
 class SignalType:
@@ -64,16 +76,20 @@ class SignalType:
     type_name : str
         ``package/msg/Name``.
     field : str
-        Path of a number: names separated by dots, elements of arrays in brackets.
+        Path of a number: names separated by dots, elements of arrays in brackets, by number or by name.
     signal : str, optional
         Whose type and field they are; errors begin with it.
+    scale, offset : float
+        The signal is ``scale`` times the number in the message, plus ``offset``; the same when it is written.
 
     Attributes
     ----------
     message_type : type
     has_header : bool
     low, high : float
-        What the field can hold. Whole numbers are rounded to when written.
+        What the field can hold, in the signal's unit. Whole numbers are rounded to when written.
+    lacking : str
+        Why the last message that was read held no number in that place; empty for one that did.
 
     Raises
     ------
@@ -85,9 +101,16 @@ class SignalType:
     >>> from std_msgs.msg import Float64
     >>> SignalType("std_msgs/msg/Float64", "data").read(Float64(data=0.5))
     0.5
+    >>> from sensor_msgs.msg import JointState
+    >>> elbow = SignalType("sensor_msgs/msg/JointState", "position[elbow]")
+    >>> elbow.read(JointState(name=["wrist", "elbow"], position=[1.0, 2.0]))
+    2.0
     """
 
-    def __init__(self, type_name: str = DEFAULT_TYPE, field: str = DEFAULT_FIELD, signal: str = "") -> None:
+    def __init__(
+        self, type_name: str = DEFAULT_TYPE, field: str = DEFAULT_FIELD, signal: str = "", scale: float = 1.0,
+        offset: float = 0.0,
+    ) -> None:  # fmt: skip
         owner = f"{signal}." if signal else ""
         self.message_type: Any = _load(type_name, f"{owner}type")
         self.has_header = self.message_type.get_fields_and_field_types().get("header") == "std_msgs/Header"
@@ -95,30 +118,62 @@ class SignalType:
         subject = f"{owner}field = {field!r}"
         self._path = _parse_path(field, subject)
         self._kinds = _kinds(type_name, self._path, subject)
-        self._simple = field if len(self._path) == 1 else None
-        self.low, self.high = _RANGES[self._kinds[-1]]
+        self._names = _names(type_name, self._path, self._kinds, subject)
+        self.lacking = ""
+        if abs(scale) < SMALLEST_SCALE:
+            raise InputError(f"{owner}scale = {scale}; allowed: {SMALLEST_SCALE:g} and more in size, either sign")
+        self._scale, self._offset = scale, offset
+        self._unscaled = (scale, offset) == (1.0, 0.0)
+        self._simple = field if len(self._path) == 1 and self._unscaled else None
+        self._raw = _RANGES[self._kinds[-1]]
+        self.low, self.high = sorted(scale * end + offset for end in self._raw)
 
     def read(self, message: Any) -> float:
-        """The number in a message; NaN where the array is too short for it."""
+        """The signal in a message; NaN where that lacks the number."""
         if self._simple is not None:
             return float(getattr(message, self._simple))
+        number = self._number(message)
+        return number if self._unscaled else self._scale * number + self._offset
+
+    def _number(self, message: Any) -> float:
+        """What stands at the end of the path."""
+        self.lacking, owners = "", [message]
         for step in self._path:
+            owner = owners[-1]
             if isinstance(step, str):
-                message = getattr(message, step)
-            elif step < len(message):
-                message = message[step]
-            else:
+                owners.append(getattr(owner, step))
+                continue
+            index = self._index(step, owners) if isinstance(step, Named) else step
+            if index is None or index >= len(owner):
+                named = f", where {step.name!r} is number {index}" if isinstance(step, Named) else ""
+                short = f"{len(owner)} elements in {self.field!r}{named}; allowed: {(index or 0) + 1} and more"
+                self.lacking = self.lacking or short
                 return math.nan
-        return float(message)
+            owners.append(owner[index])
+        return float(owners[-1])
+
+    def _index(self, step: Named, owners: list[Any]) -> int | None:
+        """Where a named element stands in this message."""
+        source = self._names[len(owners) - 1]
+        if source.depth is None:
+            names = [element.name for element in owners[-1]]
+        else:
+            names = getattr(owners[source.depth], source.field)
+        (found,) = source.elements.find(names)
+        if found is None:
+            self.lacking = source.elements.lacking
+        return found
 
     def writer(self) -> Callable[[float, int], Any]:
         """A function (value, stamp in nanoseconds) -> message; it fills the same message each time."""
         message = self.message_type()
         owner, last = self._owner_for_writing(message)
         stamp: Time | None = message.header.stamp if self.has_header else None
-        is_float = self._kinds[-1] in ("double", "float")
+        is_float, (low, high) = self._kinds[-1] in ("double", "float"), self._raw
 
         def write(value: float, stamp_ns: int) -> Any:
+            if not self._unscaled:
+                value = min(max((value - self._offset) / self._scale, low), high)
             number = value if is_float else round(value)
             if isinstance(last, int):
                 owner[last] = number
@@ -132,14 +187,22 @@ class SignalType:
 
     def _owner_for_writing(self, message: Any) -> tuple[Any, str | int]:
         """Message or array that holds the number; arrays on the way grow as long as the path needs."""
-        owner = message
-        steps = zip(self._path, self._path[1:], self._kinds[1:], strict=False)
-        for step, following, kind in steps:
-            owner = owner[step] if isinstance(step, int) else getattr(owner, step)
+        owners, path = [message], [0 if isinstance(step, Named) else step for step in self._path]
+        for k, step in enumerate(path[:-1]):
+            owner = owners[-1][step] if isinstance(step, int) else getattr(owners[-1], step)
+            following = path[k + 1]
             if isinstance(following, int) and len(owner) <= following:
-                nested = _nested(kind)
+                nested = _nested(self._kinds[k + 1])
                 owner.extend(nested() if nested else 0 for _ in range(following + 1 - len(owner)))
-        return owner, self._path[-1]
+            owners.append(owner)
+            named = self._path[k + 1]
+            if isinstance(named, Named):
+                source = self._names[k + 1]
+                if source.depth is None:
+                    owner[0].name = named.name
+                else:
+                    setattr(owners[source.depth], source.field, [named.name])
+        return owners[-1], path[-1]
 
     def stamp_ns(self, message: Any) -> int | None:
         """The header's stamp in nanoseconds, None without a header."""
@@ -172,16 +235,49 @@ def _packages() -> list[str]:
 
 
 def _parse_path(field: str, subject: str) -> Path:
-    steps: list[str | int] = []
-    for part in field.split("."):
-        position = 0
-        while position < len(part) or not part:
-            match = _STEP.match(part, position)
-            if not match or (match["name"] is not None) != (position == 0):
-                raise InputError(f"{subject}; allowed: names with dots and [n], as in pose.position.x or data[2]")
-            steps.append(match["name"] if match["name"] is not None else int(match["index"]))
-            position = match.end()
+    steps: list[str | int | Named] = []
+    position = 0
+    while position < len(field) or not field:
+        match = _STEP.match(field, position)
+        if not match:
+            allowed = "names with dots and [n] or [name], as in pose.position.x, data[2] or position[elbow]"
+            raise InputError(f"{subject}; allowed: {allowed}")
+        number = match["index"]
+        steps.append(match["name"] or (int(number) if number else Named(match["element"])))
+        position = match.end()
     return tuple(steps)
+
+
+class _Names:
+    """Where the names of an array's elements stand: a list in a message of the path, or in the elements (None)."""
+
+    def __init__(self, depth: int | None, field: str, wanted: str) -> None:
+        self.depth, self.field = depth, field
+        self.elements = NamedElement([wanted], field)
+
+
+def _names(type_name: str, path: Path, kinds: list[str], subject: str) -> dict[int, _Names]:
+    """For each step of a path that is a name, by its number: where the names stand, the nearest first."""
+    package, _, name = type_name.split("/")
+    passed, found = [f"{package}/{name}", *kinds], {}
+    for k, step in enumerate(path):
+        if not isinstance(step, Named):
+            continue
+        element = _nested(passed[k + 1])
+        if element and element.get_fields_and_field_types().get("name") == "string":
+            found[k] = _Names(None, "name", step.name)
+            continue
+        lists = ((depth, names_field(_fields(passed[depth]))) for depth in range(k - 1, -1, -1))
+        nearest_list = next(((depth, field) for depth, field in lists if field), None)
+        if nearest_list is None:
+            raise InputError(f"{subject}: {passed[0]} does not name its elements; allowed: a number, as in [0]")
+        found[k] = _Names(*nearest_list, step.name)
+    return found
+
+
+def _fields(kind: str) -> dict[str, str]:
+    nested = _nested(kind)
+    return nested.get_fields_and_field_types() if nested else {}
 
 
 def _kinds(type_name: str, path: Path, subject: str) -> list[str]:
@@ -189,7 +285,7 @@ def _kinds(type_name: str, path: Path, subject: str) -> list[str]:
     package, _, name = type_name.split("/")
     kind, kinds = f"{package}/{name}", []
     for step in path:
-        kind = _element(kind, step, subject) if isinstance(step, int) else _member(kind, step, subject)
+        kind = _member(kind, step, subject) if isinstance(step, str) else _element(kind, step, subject)
         kinds.append(kind)
     if kind not in _RANGES:
         nested, array = _nested(kind), _ARRAY.fullmatch(kind)
@@ -201,18 +297,19 @@ def _kinds(type_name: str, path: Path, subject: str) -> list[str]:
 
 
 def _member(kind: str, name: str, subject: str) -> str:
-    nested = _nested(kind)
-    fields = nested.get_fields_and_field_types() if nested else {}
+    fields = _fields(kind)
     if name not in fields:
         known = nearest(name, fields) if fields else "; allowed: nothing below it"
         raise InputError(f"{subject}: {kind} has no {name!r}{known}")
     return str(fields[name])
 
 
-def _element(kind: str, index: int, subject: str) -> str:
+def _element(kind: str, index: int | Named, subject: str) -> str:
     array = _ARRAY.fullmatch(kind)
     if array is None:
-        raise InputError(f"{subject}: {kind} is no array; allowed: no [{index}]")
+        raise InputError(f"{subject}: {kind} is no array; allowed: no [{getattr(index, 'name', index)}]")
+    if isinstance(index, Named):
+        return array["element"] or array["item"]
     length = int(array["bound"] or array["length"] or LONGEST)
     if index >= length:
         raise InputError(f"{subject}: index {index} of {kind}; allowed: 0 to {length - 1}")

@@ -146,8 +146,13 @@ class LoopInputs:
         """Keep an input's newest value; one that is not finite is counted and refused."""
         if one.take(value, now_ns):
             return
-        where = f" at {self._types[one.name].field!r}" if math.isnan(value) else ""
-        self._refuse(one, f"{one.name} = {value}{where} refused ({one.refused} so far); allowed: finite numbers")
+        kind = self._types[one.name]
+        told = f"{one.name} = {value}" + (f" at {kind.field!r}" if math.isnan(value) else "")
+        if kind.lacking:
+            told = f"{one.name}.field = {kind.field!r}: {kind.lacking}"
+        self._refuse(
+            one, f"{told}{'' if kind.lacking else '; allowed: finite numbers'}; refused ({one.refused} so far)"
+        )
 
     def take_measurement(self, message: Any) -> None:
         """In real time: a stamp, where there is one, tells old samples from new ones."""

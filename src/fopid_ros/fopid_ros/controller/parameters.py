@@ -14,7 +14,7 @@ from fopid_core.runtime.settings import LARGEST, LOWEST, ControllerSettings
 from fopid_ros.common.inputs import is_number
 from fopid_ros.common.managed_node import TIMING
 from fopid_ros.common.parameters import Spec
-from fopid_ros.common.signals import SignalType, signal_specs
+from fopid_ros.common.signals import SignalType, signal_specs, signal_type
 from fopid_ros.controller.inputs import AUTOMATIC, SHORTEST_FEEDFORWARD_TIMEOUT, SHORTEST_TIMEOUT, TICKS_MISSED
 
 SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "tracking", "control")
@@ -102,7 +102,7 @@ def check_file_name(values: dict[str, Any]) -> None:
 
 def signal_types(values: dict[str, Any]) -> dict[str, SignalType]:
     """How each signal travels, by its name."""
-    return {name: SignalType(values[f"{name}.type"], values[f"{name}.field"], name) for name in SIGNALS}
+    return {name: signal_type(values, name) for name in SIGNALS}
 
 
 def controller_settings(values: dict[str, Any], control_type: SignalType) -> ControllerSettings:

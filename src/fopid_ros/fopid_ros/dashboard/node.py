@@ -26,7 +26,7 @@ from fopid_ros.common.guard import GuardedNode
 from fopid_ros.common.inputs import is_number
 from fopid_ros.common.managed_node import latched_qos
 from fopid_ros.common.parameters import Spec, declare
-from fopid_ros.common.signals import SignalType, signal_specs
+from fopid_ros.common.signals import SignalType, signal_specs, signal_type
 from fopid_ros.dashboard.history import History
 from fopid_ros.dashboard.remote_parameters import LOOK_AGAIN, RefusedError, RemoteParameters, answer
 from fopid_ros.dashboard.undo import Undo
@@ -103,7 +103,8 @@ class DashboardNode(GuardedNode, Node):
         self._signal_publishers: dict[str, Publisher] = {}
 
     def _signal_type(self, name: str) -> SignalType:
-        return SignalType(self.get_parameter(f"{name}.type").value, self.get_parameter(f"{name}.field").value, name)
+        parts = ("type", "field", "scale", "offset")
+        return signal_type({f"{name}.{part}": self.get_parameter(f"{name}.{part}").value for part in parts}, name)
 
     # What is heard.
 

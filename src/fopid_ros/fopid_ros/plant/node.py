@@ -24,7 +24,7 @@ from fopid_ros.common.background import Later
 from fopid_ros.common.managed_node import TIMING, ManagedNode, loop_qos, run, take_pending_messages
 from fopid_ros.common.parameters import Spec
 from fopid_ros.common.pending_values import PendingValues
-from fopid_ros.common.signals import SignalType, signal_specs
+from fopid_ros.common.signals import signal_specs, signal_type
 from fopid_ros.plant.advances import Advances
 
 SPECS = (
@@ -81,7 +81,7 @@ class PlantSimulator(ManagedNode):
         self._create_endpoints(values)
 
     def _create_endpoints(self, values: dict[str, Any]) -> None:
-        types = {name: SignalType(values[f"{name}.type"], values[f"{name}.field"])
+        types = {name: signal_type(values, name)
                  for name in ("control", "disturbance", "measurement")}  # fmt: skip
         self._control_type, self._disturbance_type = types["control"], types["disturbance"]
         self._write = types["measurement"].writer()
@@ -102,7 +102,7 @@ class PlantSimulator(ManagedNode):
     def check(self, values: dict[str, Any]) -> None:
         _plant_settings(values)
         for name in ("control", "disturbance", "measurement"):
-            SignalType(values[f"{name}.type"], values[f"{name}.field"])
+            signal_type(values, name)
 
     def open(self, values: dict[str, Any]) -> None:
         self.open_diagnostics()

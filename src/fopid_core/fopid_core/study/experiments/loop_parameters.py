@@ -24,6 +24,7 @@ _OF_THE_NODE = {
     "gains.status": str, "gains.origin": str, "gains.certificate": str,
     "tracking.enabled": bool, "setpoint.initial": float,
     **{f"{signal}.{part}": str for signal in SIGNALS for part in ("type", "field")},
+    **{f"{signal}.{part}": float for signal in SIGNALS for part in ("scale", "offset")},
 }  # fmt: skip
 """What the node does with its messages and with late ones: without messages it has no effect."""
 

@@ -22,7 +22,7 @@ from fopid_core.errors import InputError
 from fopid_msgs.msg import FopidState
 from fopid_ros.common.managed_node import ManagedNode, loop_qos
 from fopid_ros.common.parameters import Spec
-from fopid_ros.common.signals import SignalType, signal_specs
+from fopid_ros.common.signals import SignalType, signal_specs, signal_type
 from fopid_ros.tuner.learning.history import SIGNALS, History
 
 INJECTION = "feedforward"
@@ -75,8 +75,7 @@ class LoopTap:
 
     def __init__(self, node: ManagedNode, values: dict[str, Any]) -> None:
         self._node = node
-        self._types = types = {name: SignalType(values[f"{name}.type"], values[f"{name}.field"], name)
-                               for name in (*HEARD, INJECTION)}  # fmt: skip
+        self._types = types = {name: signal_type(values, name) for name in (*HEARD, INJECTION)}
         self.history = History(values["history"])
         self._hook: Callable[[Tick], None] | None = None
         self._failed: Exception | None = None
