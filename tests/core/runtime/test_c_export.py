@@ -34,6 +34,13 @@ CONTROLLERS = {
     ),
     "no integral": ControllerSettings(Fopid(1.2, 0.0, 0.1, 1.0, 0.8), control_max=2.0, safe_control=0.1),
     "order 0": ControllerSettings(Fopid(0.5, 0.5, 0.1, 0.0, 0.8)),
+    "measurement filter of order 1": ControllerSettings(
+        ITAE, control_max=1.5, measurement_filter_order=1, measurement_filter_time=0.03
+    ),
+    "measurement filter of order 2": ControllerSettings(
+        CLASSICAL, control_max=1.5, measurement_filter_order=2, measurement_filter_time=0.1, setpoint_weight=0.3,
+        derivative_setpoint_weight=0.0,
+    ),
     "inverse not stable": ControllerSettings(Fopid(1.0, 1.0, 0.001, 1.0, 2.0), control_max=1.0),
 }  # fmt: skip
 

@@ -104,18 +104,31 @@ def frequency_verb(
     "--u-max", type=float, metavar="X", help="Bound on the control's peak; 20 over the process's gain when not given."
 )
 @click.option("--noise-max", type=float, metavar="X", help="Bound on the gain from measurement noise to control.")
+@click.option("--mt-max", type=float, metavar="X", help="Bound on max |T|.")
+@click.option("--rate-max", type=float, metavar="X", help="Bound on the control's moves per second at a setpoint step.")
+@click.option("--noise-density", type=float, metavar="X", help="Of the measurement's noise [unit^2/Hz].")
+@click.option("--noise-rms-max", type=float, metavar="X", help="Bound on the control that this noise makes.")
+@click.option("--input", default="setpoint", show_default=True, help="Whose step counts: setpoint, load or both.")
+@click.option("--load-weight", type=float, default=1.0, show_default=True, help="Of the load's index, for both.")
+@click.option(
+    "--structure", metavar="NAME", help="p, pi, pd, pid, fopi, fopd or fopid; else the simplest nearly as good."
+)
+@click.option("--filter-order", type=int, default=0, show_default=True, help="Of the measurement's filter: 0, 1 or 2.")
+@click.option("--two-degrees/--one-degree", default=None, help="Choose the setpoint's weights as well, or keep them 1.")
 @click.option("--sample-time", type=float, default=0.01, show_default=True, help="Of the controller as it runs [s].")
 @click.option("--start", metavar="KP,KI,KD,LAM,MU", help="A further point to begin from.")
-@click.option("--fix", multiple=True, metavar="NAME=VALUE", help="Keep one of kp, ki, kd, lam, mu; may be repeated.")
+@click.option(
+    "--fix", multiple=True, metavar="NAME=VALUE", help="Keep kp, ki, kd, lam, mu or filter_time; may be repeated."
+)
 @click.option("--bound", multiple=True, metavar="NAME=LOW,HIGH", help="Range of one of the five; may be repeated.")
 @click.option("--weight", multiple=True, metavar="PART=VALUE", help="Of sum, energy or zamani; may be repeated.")
-@click.option("--solver", default="gauss-newton", show_default=True, help="gauss-newton or nelder-mead.")
+@click.option("--solver", default="gauss-newton", show_default=True, help="Or nelder-mead, differential-evolution.")
 @click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same answer.")
 @click.option("--timeout", type=float, metavar="S", help="Give the best found after this long [s].")
 @certify_option
 @as_json
 def time_verb(process: str, start: str | None, certified: bool, as_json: bool, **options: Any) -> None:
-    """Minimise an index of the setpoint response under bounds."""
+    """Minimise an index of the response to a setpoint step, a load step or both, under bounds."""
     from fopid_core.design.specification import TuningRequest
     from fopid_core.model.fopid import read_gains
     from fopid_core.model.process import read_process
@@ -152,7 +165,13 @@ def _tune(request: TuningRequest, certified: bool, as_json: bool) -> None:
     data = _result_rows(result)
     if certified:
         _add_certificate(data, request, result)
-    parts = {"gains": "Gains", "achieved": "Achieved", "running": "As it runs"}
+    parts = {
+        "gains": "Gains",
+        "filter": "Filter of the measurement",
+        "setpoint_weights": "Weights of the setpoint",
+        "achieved": "Achieved",
+        "running": "As it runs",
+    }
     rest = {name: value for name, value in data.items() if name not in parts}
     tables = [(title, data[name]) for name, title in parts.items() if data[name]]
     emit(data, [*tables, ("Tuning", rest)], as_json)
@@ -180,7 +199,10 @@ def _result_rows(result: TuningResult) -> dict[str, Any]:
         "success": result.success,
         "message": result.message,
         "method": result.method,
+        "structure": result.structure or None,
         "gains": None if result.controller is None else asdict(result.controller),
+        "filter": asdict(result.filter),
+        "setpoint_weights": asdict(result.weights),
         "achieved": achieved,
         "running": _running_rows(result),
         "stable": result.stable,

@@ -2,6 +2,7 @@
  *
  *   kp = ${kp}, ki = ${ki}, kd = ${kd}, lam = ${lam}, mu = ${mu}
  *   one tick every ${sample_time} s; fractional powers met from ${low} to ${high} rad/s by ${lags} lags
+ *   measurement: ${measurement_filter}
  *   limits ${control_min} to ${control_max}, at most ${control_rate_max} per second; anti-windup: ${antiwindup}
  *
  * C99, no library, no memory from the heap, constant work per tick. Written by fopid ${version}.
@@ -42,6 +43,7 @@ typedef struct {
     ${name}_real proportional, integral, derivative, feedforward;     /* the parts of the control */
     ${name}_real bias;                                                /* what bumpless changes left in the integral */
     ${name}_real control, remembered;                                 /* given; and what is remembered stands for */
+    ${name}_real filtered_re, filtered_im, filter_input, filter_origin; /* of the filter of the measurement */
     ${name}_real setpoint, last_error;                                /* within its rate; without its deadband */
     ${name}_real control_min, control_max, control_step;              /* limits; largest change per tick */
     ${name}_real owed, ticks_to_pay;                                  /* of the bias: what holds left; how long it goes */
@@ -181,12 +183,26 @@ static inline void ${name}_carry_on(${name}_state *c, ${name}_real integrated, $
     c->derivative = derivative;
 }
 
+/* The measurement behind its filter, the real part of one complex lag. */
+static inline ${name}_real ${name}_filter(${name}_state *c, ${name}_real measurement)
+{
+    const ${name}_real re = c->filtered_re, im = c->filtered_im, before = c->filter_input;
+    const ${name}_real now = measurement - c->filter_origin;
+    c->filter_input = now;
+    c->filtered_re = (${name}_real)${measurement_decay_re} * re - (${name}_real)${measurement_decay_im} * im
+                     + (${name}_real)${measurement_from_last_re} * before + (${name}_real)${measurement_from_new_re} * now;
+    c->filtered_im = (${name}_real)${measurement_decay_im} * re + (${name}_real)${measurement_decay_re} * im
+                     + (${name}_real)${measurement_from_last_im} * before + (${name}_real)${measurement_from_new_im} * now;
+    return c->filter_origin + c->filtered_re;
+}
+
 /* One tick: the control until the next. Inputs that are not finite make it a hold. */
 static inline ${name}_real ${name}_step(${name}_state *c, ${name}_real setpoint, ${name}_real measurement,
                                         ${name}_real feedforward, ${name}_real manual)
 {
     const ${name}_real before = c->proportional + c->derivative + c->feedforward;
     const ${name}_real step = (${name}_real)${setpoint_step}, deadband = (${name}_real)${deadband};
+    const int begun = c->started;
     ${name}_real error, asked, changing, integrated, wanted;
     ${name}_real excess = c->control - c->remembered; /* limited less unlimited control at the last tick */
 
@@ -196,6 +212,13 @@ static inline ${name}_real ${name}_step(${name}_state *c, ${name}_real setpoint,
         c->started = 1;
         c->origin = c->setpoint = measurement;
         excess = 0;
+    }
+    if (${filtered}) {
+        if (!begun || c->held) { /* at rest there */
+            c->filter_origin = measurement;
+            c->filtered_re = c->filtered_im = c->filter_input = 0;
+        }
+        measurement = ${name}_filter(c, measurement);
     }
     setpoint = ${name}_within(setpoint, c->setpoint - step, c->setpoint + step);
 

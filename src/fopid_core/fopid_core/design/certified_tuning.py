@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopid_core.design.certificate import require_ball_arithmetic
-from fopid_core.design.specification import TuningRequest, TuningResult
+from fopid_core.design.specification import TuningRequest, TuningResult, require
 from fopid_core.design.verification import EXACT
+from fopid_core.model.process import Process
 
 if TYPE_CHECKING:
     from fopid_core.design.certificate.prover import Certification
@@ -37,7 +38,11 @@ def certify_tuning(request: TuningRequest, result: TuningResult) -> Certificatio
     asked = {name: getattr(request, name, None) for name in ("ms_max", "mt_max", "noise_max")}
     bounds = {name: x * (1.0 + EXACT) for name, x in asked.items() if x is not None and math.isfinite(x)}
     band = math.pi / request.sample_time if "noise_max" in bounds else None
-    return certify(Family.of(request.process), result.controller, Bounds(**bounds, noise_band=band))
+    slow = result.filter.denominator
+    known = band is None or result.filter.is_idle
+    require(known, "noise_max", request.noise_max, "with a certificate none where the measurement is filtered")
+    behind_filter = Process(request.process.numerator, request.process.denominator * slow)
+    return certify(Family.of(behind_filter), result.controller, Bounds(**bounds, noise_band=band))
 
 
 def uncertified_reason(request: TuningRequest, result: TuningResult, ms_max: float) -> str:

@@ -23,6 +23,9 @@ Real = NDArray[np.float64]
 def first_control(gains: Real, sample_time: float) -> Real:
     """The control at the first sample after a unit setpoint step, shape (n,), for rows (kp, ki, kd, lam, mu).
 
+    Rows of eight have the time of a filter of the measurement behind that, which changes nothing here, and the
+    weights of the setpoint.
+
     Notes
     -----
     kp + ki h^lam / Gamma(2 + lam) + kd h^-mu r(mu), where r(mu) is 1 / Gamma(2 - mu) up to mu = 1 and what the
@@ -33,9 +36,12 @@ def first_control(gains: Real, sample_time: float) -> Real:
     >>> float(first_control(np.array([[2.0, 1.0, 0.5, 1.0, 1.0]]), sample_time=0.1)[0])
     7.05
     """
-    kp, ki, kd, lam, mu = gains.T
+    kp, ki, kd, lam, mu = gains.T[:5]
     h = sample_time
-    return np.asarray(kp + ki * h**lam * rgamma(2.0 + lam) + kd * h**-mu * _derivative_kick()(mu))
+    derivative = kd * h**-mu * _derivative_kick()(mu)
+    if gains.shape[1] == 8:
+        kp, derivative = gains[:, 6] * kp, gains[:, 7] * derivative
+    return np.asarray(kp + ki * h**lam * rgamma(2.0 + lam) + derivative)
 
 
 @cache

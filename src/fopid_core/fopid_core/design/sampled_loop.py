@@ -21,9 +21,11 @@ from fopid_core.model.adaptive_grid import refine, roots
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
+from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter
 from fopid_core.model.winding import right_half_plane_zeros
 from fopid_core.runtime.controller import FopidController
-from fopid_core.runtime.settings import ControllerSettings
+from fopid_core.runtime.measurement_filter import FilterStep
+from fopid_core.runtime.settings import as_designed
 
 _ALIASES = 100  # on either side, where what is left of the sum can be added as an integral
 _ALIASES_TURNING = 400  # where a delay turns each of them
@@ -65,7 +67,9 @@ class Running:
     reason: str = ""
 
 
-def running(process: Process, controller: Fopid, sample_time: float) -> Running:
+def running(
+    process: Process, controller: Fopid, sample_time: float, measurement_filter: MeasurementFilter = NO_FILTER
+) -> Running:
     """Stability, max abs(S) and margins of the loop as it runs.
 
     Parameters
@@ -74,6 +78,7 @@ def running(process: Process, controller: Fopid, sample_time: float) -> Running:
     controller : Fopid
     sample_time : float
         Tick of the controller [s].
+    measurement_filter : MeasurementFilter
 
     Examples
     --------
@@ -85,15 +90,15 @@ def running(process: Process, controller: Fopid, sample_time: float) -> Running:
     """
     if process.relative_degree <= 0.0:
         return Running(None, reason="not known: the process answers the control at once")
-    return _SampledLoop(process, controller, sample_time).judge()
+    return _SampledLoop(process, controller, sample_time, measurement_filter).judge()
 
 
 class _SampledLoop:
     """L at z = exp(j theta), by x = ln theta."""
 
-    def __init__(self, process: Process, gains: Fopid, sample_time: float) -> None:
+    def __init__(self, process: Process, gains: Fopid, sample_time: float, slow: MeasurementFilter) -> None:
         self._process, self._gains, self._h = process, gains, sample_time
-        self._controller = FopidController(ControllerSettings(gains, sample_time))
+        self._controller = FopidController(as_designed(gains, sample_time, slow, WHOLE_SETPOINT))
 
     def __call__(self, x: Floats) -> Complexes:
         theta = np.exp(x)
@@ -203,7 +208,7 @@ def _aliases(process: Process, h: float, theta: Floats) -> Complexes:
 
 
 def sampled_controller(controller: FopidController, theta: Floats) -> Complexes:
-    """C(z) at z = exp(j theta) from the error to the control, limits and setpoint weights left out; shape (n,)."""
+    """C(z) at z = exp(j theta) from the measurement to the control, its sign turned, limits left out; shape (n,)."""
     gains, matrix, size = controller.settings.gains, controller.operators.matrix, controller.operators.size
     z = np.exp(1j * theta)[:, np.newaxis, np.newaxis]
     # One signal drives both: the error is what is integrated and what is differentiated.
@@ -211,4 +216,8 @@ def sampled_controller(controller: FopidController, theta: Floats) -> Complexes:
     read = np.array([gains.ki, gains.kd]) @ matrix[-2:]
     direct = gains.kp + read[-2] + read[-1]
     answer = np.linalg.solve(z * np.eye(size) - a, b[np.newaxis])
-    return np.asarray((read[:size] @ answer)[:, 0] + direct)
+    value = np.asarray((read[:size] @ answer)[:, 0] + direct)
+    slow = controller.settings.measurement_filter
+    if slow.is_idle:
+        return value
+    return value * FilterStep.of(slow, controller.settings.sample_time).response(np.exp(1j * theta))

@@ -11,13 +11,35 @@ from fopid_core.design.sampled_loop import Running
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
+from fopid_core.model.two_degrees import (
+    FILTER_ORDERS,
+    LONGEST_FILTER,
+    NO_FILTER,
+    WHOLE_SETPOINT,
+    MeasurementFilter,
+    SetpointWeights,
+)
 
 METHODS = ("frequency", "time", "rule")
 VIA = ("none", "foptd", "soptd", "nioptd1", "nioptd2")
 CRITERIA = ("peaks", "ms", "flatness")
 FREQUENCY_SOLVERS = ("square", "paper", "monje")
-TIME_SOLVERS = ("gauss-newton", "nelder-mead")
+TIME_SOLVERS = ("gauss-newton", "nelder-mead", "differential-evolution")
+INPUTS = ("setpoint", "load", "both")
+STRUCTURES: Mapping[str, Mapping[str, float]] = {
+    "p": {"ki": 0.0, "kd": 0.0, "lam": 1.0, "mu": 1.0},
+    "pi": {"kd": 0.0, "lam": 1.0, "mu": 1.0},
+    "pd": {"ki": 0.0, "lam": 1.0, "mu": 1.0},
+    "pid": {"lam": 1.0, "mu": 1.0},
+    "fopi": {"kd": 0.0, "mu": 1.0},
+    "fopd": {"ki": 0.0, "lam": 1.0},
+    "fopid": {},
+}
+"""The controllers by name, by the numbers they keep."""
 NUMBERS = ("kp", "ki", "kd", "lam", "mu")
+FILTER_TIME, PROPORTIONAL_WEIGHT, DERIVATIVE_WEIGHT = "filter_time", "setpoint_weight", "derivative_setpoint_weight"
+VARIABLES = (*NUMBERS, FILTER_TIME, PROPORTIONAL_WEIGHT, DERIVATIVE_WEIGHT)
+"""The five numbers; the time of the filter of the measurement [s], and the two weights of the setpoint."""
 
 PRACTICAL = (1e-12, 1e12)
 """Times [s] and frequencies [rad/s] that can be asked for."""
@@ -72,12 +94,15 @@ class Bounds:
         On max |C S| up to the Nyquist frequency of the controller.
     t_max, s_max : Bound, optional
         On |T| above and |S| below a frequency.
-    u_max : float
-        On the control after a unit setpoint step, of the controller as it runs.
+    u_max, rate_max : float
+        On the control after a unit setpoint step, of the controller as it runs, and on its moves per second.
     sample_time : float
         Its tick [s].
     horizon : float
         Up to which the whole control counts [s]; 0 for the control at the step itself.
+    noise_density, noise_rms_max : float
+        Power spectral density of white noise of the measurement [unit^2/Hz], and the bound on the root mean square
+        of the control that it makes up to the Nyquist frequency.
     """
 
     ms_max: float = math.inf
@@ -88,6 +113,9 @@ class Bounds:
     u_max: float = math.inf
     sample_time: float = 0.01
     horizon: float = 0.0
+    rate_max: float = math.inf
+    noise_density: float = 0.0
+    noise_rms_max: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -149,15 +177,31 @@ class TuningRequest:
     u_max : float, optional
         Bound on the peak of the control after a unit setpoint step, for the controller as it runs at
         ``sample_time``; infinite for none. (For ``frequency``: the control at the step itself.)
-    ms_max, noise_max : float, optional
-        For ``time``: bounds on max |S|, and on the gain from measurement noise to control at ``sample_time``;
-        infinite for none.
+    ms_max, mt_max, noise_max : float, optional
+        For ``time``: bounds on max |S|, max |T|, and on the gain from measurement noise to control at
+        ``sample_time``; infinite for none.
+    rate_max : float, optional
+        For ``time``: bound on the control's moves per second after a unit setpoint step.
+    noise_density, noise_rms_max : float, optional
+        For ``time``: power spectral density of white noise of the measurement [unit^2/Hz], and a bound on the root
+        mean square of the control that it makes.
+    input : str
+        For ``time``: the step whose response counts, ``setpoint``, ``load`` or ``both``.
+    load_weight : float
+        For ``both``: weight of the load's index against the setpoint's.
+    structure : str, optional
+        For ``time``: ``p pi pd pid fopi fopd fopid``; when not given, the simplest that costs hardly more.
+    filter_order : int
+        For ``time``: order of the filter of the measurement, whose time is then chosen; 0 for none.
+    two_degrees : bool, optional
+        For ``time``: whether the weights of the setpoint are chosen; when not given, where the load or a filter counts.
     sample_time : float
         The tick of the controller as it will run [s].
     fixed : mapping
-        For ``time``: any of kp, ki, kd, lam, mu that shall keep a value; ``{"lam": 1, "mu": 1}`` is plain PID.
+        For ``time``: any of kp, ki, kd, lam, mu that shall keep a value; ``{"lam": 1, "mu": 1}`` is plain PID. Also
+        filter_time, setpoint_weight, derivative_setpoint_weight.
     bounds : mapping
-        For ``time``: (low, high) for any of the five, in place of the default box.
+        For ``time``: (low, high) for any of them, in place of the default box.
     weights : mapping
         For ``time`` with ``sum``, ``zamani`` or ``energy``: weights of the parts.
     rule : str, optional
@@ -165,7 +209,8 @@ class TuningRequest:
     start : Fopid, optional
         For ``time``: a further point to begin from.
     solver : str, optional
-        ``square``, ``paper`` or ``monje`` for ``frequency``; ``gauss-newton`` or ``nelder-mead`` for ``time``.
+        ``square``, ``paper`` or ``monje`` for ``frequency``; ``gauss-newton``, ``nelder-mead`` or
+        ``differential-evolution`` for ``time``.
     seed : int
         For ``time``: seed of the search; the same seed gives the same answer.
     timeout : float, optional
@@ -194,6 +239,15 @@ class TuningRequest:
     solver: str | None = None
     seed: int = 0
     timeout: float | None = None
+    mt_max: float | None = None
+    rate_max: float | None = None
+    noise_density: float | None = None
+    noise_rms_max: float | None = None
+    input: str = "setpoint"
+    load_weight: float = 1.0
+    structure: str | None = None
+    filter_order: int = 0
+    two_degrees: bool | None = None
 
     def __post_init__(self) -> None:
         one_of("method", self.method, METHODS)
@@ -205,26 +259,39 @@ class TuningRequest:
             _require_angle(self.phase_margin)
         for name, unit in (("crossover", "rad/s"), ("horizon", "s"), ("sample_time", "s"), ("timeout", "s")):
             _require_practical(name, getattr(self, name), unit)
-        for name, least in (("ms_max", 1.0), ("u_max", 0.0), ("noise_max", 0.0)):
+        one_of("input", self.input, INPUTS)
+        if self.structure is not None:
+            one_of("structure", self.structure, tuple(STRUCTURES))
+        require(self.filter_order in FILTER_ORDERS, "filter_order", self.filter_order, "0, 1 or 2")
+        require(0.0 < self.load_weight < math.inf, "load_weight", self.load_weight, "above 0")
+        bounds = {"ms_max": 1.0, **dict.fromkeys(("mt_max", "u_max", "noise_max", "noise_rms_max", "rate_max"), 0.0)}
+        for name, least in bounds.items():
             bound = getattr(self, name)
             require(bound is None or bound > least, name, bound, f"above {least:g}, inf for none")
+        density = self.noise_density
+        require(density is None or 0.0 < density < math.inf, "noise_density", density, "above 0 unit^2/Hz")
+        both = (density is None) == (self.noise_rms_max is None)
+        require(both, "noise_density, noise_rms_max", (density, self.noise_rms_max), "both or neither")
         self._check_numbers()
 
     def _check_numbers(self) -> None:
         for name, value in self.fixed.items():
-            one_of("fixed", name, NUMBERS)
+            one_of("fixed", name, VARIABLES)
+            require(name != FILTER_TIME or self.filter_order > 0, "fixed filter_time", value, "with a filter_order")
             require(math.isfinite(value), f"fixed {name}", value, "a finite number")
         for name, (low, high) in self.bounds.items():
-            one_of("bounds", name, NUMBERS)
+            one_of("bounds", name, VARIABLES)
+            require(name != FILTER_TIME or self.filter_order > 0, "bounds of filter_time", low, "with a filter_order")
             require(
                 math.isfinite(low) and math.isfinite(high) and low <= high,
                 f"bounds of {name}",
                 (low, high),
                 "two finite numbers, the lower one first",
             )
-        for name in ("lam", "mu"):
+        ranges = {"lam": 2.0, "mu": 2.0, FILTER_TIME: LONGEST_FILTER, PROPORTIONAL_WEIGHT: 1.0, DERIVATIVE_WEIGHT: 1.0}
+        for name, most in ranges.items():
             for value in (*self.bounds.get(name, ()), *([self.fixed[name]] if name in self.fixed else [])):
-                require(0 <= value <= 2, name, value, "0 to 2")
+                require(0 <= value <= most, name, value, f"0 to {most:g}")
 
 
 @dataclass(frozen=True)
@@ -241,6 +308,10 @@ class Achieved:
         max |S| and max |T|.
     t_db, s_db : float
         Largest |T| and |S| on the bands of the bounds [dB].
+    noise_gain : float
+        Largest |C F S|, from noise of the measurement to the control, up to the Nyquist frequency.
+    noise_rms : float
+        Root mean square of the control that noise of the given density makes.
     """
 
     phase_margin: float
@@ -252,6 +323,8 @@ class Achieved:
     mt: float
     t_db: float = math.nan
     s_db: float = math.nan
+    noise_gain: float = math.nan
+    noise_rms: float = math.nan
 
     @property
     def phase_margin_deg(self) -> float:
@@ -294,6 +367,10 @@ class TuningResult:
         Numbers that end on the edge of their range: a better design may lie beyond it.
     running : Running or None
         What the loop does as it runs: sampled, held, with the controller's filter bank. None without a stable design.
+    filter, weights
+        Of the measurement and of the setpoint: part of the design.
+    structure : str
+        Of the controller, where it was chosen by name or by preference.
     """
 
     success: bool
@@ -309,6 +386,9 @@ class TuningResult:
     elapsed: float
     at_edge: tuple[str, ...] = ()
     running: Running | None = None
+    filter: MeasurementFilter = NO_FILTER
+    weights: SetpointWeights = WHOLE_SETPOINT
+    structure: str = ""
 
     def __repr__(self) -> str:
         verdict = "success" if self.success else "no success"
@@ -340,6 +420,10 @@ class Proposal:
         What the design must keep on the process itself.
     at_edge : tuple of str
         Numbers that end on the edge of their range.
+    filter, weights
+        Of the measurement and of the setpoint.
+    structure : str
+        Where it was chosen by name or by preference.
     """
 
     controller: Fopid | None
@@ -349,6 +433,9 @@ class Proposal:
     evaluations: int
     bounds: Bounds = field(default_factory=Bounds)
     at_edge: tuple[str, ...] = ()
+    filter: MeasurementFilter = NO_FILTER
+    weights: SetpointWeights = WHOLE_SETPOINT
+    structure: str = ""
 
 
 def require(holds: bool, name: str, value: object, allowed: str) -> None:

@@ -100,10 +100,13 @@ def _verified(request: TuningRequest, proposal: Proposal) -> TuningResult:
         evaluations=proposal.evaluations,
         elapsed=0.0,
         at_edge=proposal.at_edge,
+        filter=proposal.filter,
+        weights=proposal.weights,
+        structure=proposal.structure,
     )
     if proposal.controller is None:
         return failed
-    loop = Loop(request.process, proposal.controller)
+    loop = Loop(request.process, proposal.controller, proposal.filter, proposal.weights)
     verdict = stability(loop)
     found = replace(failed, stable=verdict.stable, unstable_poles=verdict.unstable_poles)
     if not verdict.stable:
@@ -112,8 +115,8 @@ def _verified(request: TuningRequest, proposal: Proposal) -> TuningResult:
     broken = [check for check in checks(loop, proposal.bounds) if not check.holds]
     named = [check for check in broken if not any(text.startswith(check.asked) for text in proposal.unmet)]
     unmet = (*proposal.unmet, *(str(check) for check in named))
-    measured = achieved(loop, request.t_max, request.s_max)
-    as_it_runs = running(request.process, proposal.controller, request.sample_time)
+    measured = achieved(loop, request.t_max, request.s_max, request.sample_time, request.noise_density or 0.0)
+    as_it_runs = running(request.process, proposal.controller, request.sample_time, proposal.filter)
     return replace(
         found, success=not unmet, controller=proposal.controller, achieved=measured, unmet=unmet, running=as_it_runs
     )

@@ -18,6 +18,7 @@ from fopid_core.errors import InputError
 from fopid_core.model.loop import Loop
 from fopid_core.model.loop_peaks import LoopPeaks
 from fopid_core.model.margins import margins
+from fopid_core.model.noise_power import noise_rms
 from fopid_core.model.response import step_response
 
 EXACT = 1e-6
@@ -28,8 +29,13 @@ SMOOTH_TICKS = 4
 """Ticks after which the running controller's control is that of the ideal one; before that its first one is larger."""
 
 
-def achieved(loop: Loop, t_max: Bound | None = None, s_max: Bound | None = None) -> Achieved:
+def achieved(
+    loop: Loop, t_max: Bound | None = None, s_max: Bound | None = None, sample_time: float = 0.0, density: float = 0.0
+) -> Achieved:
     """Margins and sensitivities of a loop, and what it does on the bands of the bounds.
+
+    With the sample time [s] of its controller also what noise of the measurement does to the control, with its power
+    spectral density [unit^2/Hz] in figures.
 
     Examples
     --------
@@ -39,6 +45,7 @@ def achieved(loop: Loop, t_max: Bound | None = None, s_max: Bound | None = None)
     12.041
     """
     found = margins(loop)
+    nyquist = math.pi / sample_time if sample_time else math.inf
     return Achieved(
         phase_margin=found.phase_margin,
         crossover=found.crossover,
@@ -49,6 +56,8 @@ def achieved(loop: Loop, t_max: Bound | None = None, s_max: Bound | None = None)
         mt=found.mt,
         t_db=math.nan if t_max is None else largest_t_db(loop, t_max),
         s_db=math.nan if s_max is None else largest_s_db(loop, s_max),
+        noise_gain=LoopPeaks(loop).noise_gain((0.0, nyquist)).value if sample_time else math.nan,
+        noise_rms=noise_rms(loop, density, nyquist) if density and sample_time else math.nan,
     )
 
 
@@ -129,8 +138,13 @@ def _checks(loop: Loop, bounds: Bounds) -> Iterator[Check]:
     if math.isfinite(bounds.noise_max):
         nyquist = math.pi / bounds.sample_time
         yield _peak("noise gain", bounds.noise_max, peaks.noise_gain((0.0, nyquist)).value)
+    if bounds.noise_density and math.isfinite(bounds.noise_rms_max):
+        rms = noise_rms(loop, bounds.noise_density, math.pi / bounds.sample_time)
+        yield _peak("control from noise", bounds.noise_rms_max, rms)
     if math.isfinite(bounds.u_max):
         yield _control(loop, bounds)
+    if math.isfinite(bounds.rate_max):
+        yield _rate(loop, bounds)
 
 
 def _peak(name: str, bound: float, value: float) -> Check:
@@ -144,7 +158,7 @@ def _in_db(name: str, bound: Bound, db: float) -> Check:
 def _control(loop: Loop, bounds: Bounds) -> Check:
     """The first control of the running controller is exact; the rest is that of the ideal one, as exact as that is."""
     asked = f"control peak <= {bounds.u_max:g}"
-    value = abs(float(first_control(np.array([loop.controller.gains]), bounds.sample_time)[0]))
+    value = _first_control(loop, bounds)
     error, reason = EXACT * bounds.u_max, ""
     if bounds.horizon > SMOOTH_TICKS * bounds.sample_time and value <= bounds.u_max:
         try:
@@ -154,6 +168,28 @@ def _control(loop: Loop, bounds: Bounds) -> Check:
         later = np.abs(response.control[response.time >= SMOOTH_TICKS * bounds.sample_time])
         value, error = max(value, float(later.max(initial=0.0))), max(error, response.control_accuracy * bounds.u_max)
     return Check("control peak", asked, bounds.u_max, value, error, reason=reason)
+
+
+def _rate(loop: Loop, bounds: Bounds) -> Check:
+    """The first move of the running controller is exact; later ones are slopes of the ideal one's control."""
+    asked = f"control rate <= {bounds.rate_max:g} per second"
+    value = _first_control(loop, bounds) / bounds.sample_time
+    error = EXACT * bounds.rate_max
+    if value <= bounds.rate_max and bounds.horizon > SMOOTH_TICKS * bounds.sample_time:
+        try:
+            response = step_response(loop, bounds.horizon)
+        except InputError as refusal:
+            return Check("control rate", asked, bounds.rate_max, math.nan, error, reason=str(refusal))
+        late = response.time >= SMOOTH_TICKS * bounds.sample_time
+        time, control = response.time[late], response.control[late]
+        slopes = np.abs(np.diff(control)) / np.maximum(np.diff(time), bounds.sample_time)
+        value = max(value, float(slopes.max(initial=0.0)))
+    return Check("control rate", asked, bounds.rate_max, value, error)
+
+
+def _first_control(loop: Loop, bounds: Bounds) -> float:
+    row = [*loop.controller.gains, loop.filter.time, loop.weights.proportional, loop.weights.derivative]
+    return abs(float(first_control(np.array([row]), bounds.sample_time)[0]))
 
 
 def _db(gain: float) -> float:

@@ -13,6 +13,7 @@ from fopid_core import notebook
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Complexes
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
+from fopid_core.model.two_degrees import WHOLE_SETPOINT, SetpointWeights
 
 if TYPE_CHECKING:
     from fopid_core.model.loop import Loop
@@ -85,9 +86,12 @@ class Fopid:
     @property
     def numerator(self) -> QuasiPolynomial:
         """C(s) times ``s**integral_order``."""
-        order = self.integral_order
-        terms = (Term(order, 0.0, self.kp), Term(0.0, 0.0, self.ki), Term(order + self.mu, 0.0, self.kd))
-        return QuasiPolynomial.of(terms)
+        return self.weighted_numerator(WHOLE_SETPOINT)
+
+    def weighted_numerator(self, weights: SetpointWeights) -> QuasiPolynomial:
+        """The same for the setpoint, of which the proportional and the derivative part see a share."""
+        order, kp, kd = self.integral_order, self.kp * weights.proportional, self.kd * weights.derivative
+        return QuasiPolynomial.of((Term(order, 0.0, kp), Term(0.0, 0.0, self.ki), Term(order + self.mu, 0.0, kd)))
 
     @property
     def gains(self) -> tuple[float, float, float, float, float]:

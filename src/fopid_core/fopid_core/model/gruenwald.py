@@ -16,6 +16,7 @@ from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.loop import Loop
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 from fopid_core.model.response import Response, Source, check_horizon
+from fopid_core.model.two_degrees import WHOLE_SETPOINT
 
 _MOST_SAMPLES = 1 << 21
 _ALIASING = 1e-9  # what of one turn of the circle leaks into the samples
@@ -77,6 +78,8 @@ def gl1_response(loop: Loop, horizon: float, step: float, source: Source = "setp
 
 def _check(loop: Loop, horizon: float, step: float) -> None:
     check_horizon(loop, horizon)
+    if not loop.filter.is_idle or loop.weights != WHOLE_SETPOINT:
+        raise InputError(f"{loop.filter}, {loop.weights}; allowed here, as in the paper: neither filter nor weights")
     if not (math.isfinite(step) and 0.0 < step <= horizon / 2.0):
         raise InputError(f"step = {step}; allowed: above 0 and at most half the horizon of {horizon:g} s")
     if horizon / step > _MOST_SAMPLES:

@@ -12,6 +12,7 @@ from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
+from fopid_core.model.two_degrees import filter_coefficients
 from fopid_core.model.winding import BORDER, Zeros, count_zeros, right_half_plane_zeros
 
 _CANDIDATES_AT_ONCE = 256  # keeps the work arrays within a processor's cache
@@ -100,7 +101,7 @@ def _why_undecided(zeros: Zeros) -> str:
     return "too close to the border to call"
 
 
-def stable_mask(process: Process, gains: ArrayLike) -> Booleans:
+def stable_mask(process: Process, gains: ArrayLike, filter_times: ArrayLike = 0.0, filter_order: int = 0) -> Booleans:
     """Which of many controllers keep the loop stable.
 
     Parameters
@@ -108,6 +109,10 @@ def stable_mask(process: Process, gains: ArrayLike) -> Booleans:
     process : Process
     gains : array_like, shape (n, 5)
         One controller (kp, ki, kd, lam, mu) a row.
+    filter_times : array_like, shape (n,)
+        Of the filters of the measurement that go with them [s].
+    filter_order : int
+        Of these filters, 0 for none.
 
     Returns
     -------
@@ -122,25 +127,27 @@ def stable_mask(process: Process, gains: ArrayLike) -> Booleans:
     rows = np.atleast_2d(np.asarray(gains, dtype=np.float64))
     if rows.ndim != 2 or rows.shape[1] != 5 or not np.all(np.isfinite(rows)):
         raise InputError(f"gains of shape {rows.shape}; allowed: finite numbers, one row KP,KI,KD,LAM,MU a controller")
+    times = np.broadcast_to(np.asarray(filter_times, dtype=np.float64), len(rows))
     stable = np.zeros(len(rows), dtype=bool)
     for first in range(0, len(rows), _CANDIDATES_AT_ONCE):
         chunk = slice(first, first + _CANDIDATES_AT_ONCE)
-        stable[chunk] = _stable_chunk(process, rows[chunk])
+        terms = _characteristic_terms(process, rows[chunk], filter_coefficients(filter_order, times[chunk]))
+        stable[chunk] = count_zeros(*terms, _MOST_INTERVALS_EACH).all_left
     return stable
 
 
-def _stable_chunk(process: Process, rows: Floats) -> Booleans:
-    zeros = count_zeros(*_characteristic_terms(process, rows), _MOST_INTERVALS_EACH)
-    return zeros.all_left
+def _characteristic_terms(
+    process: Process, rows: Floats, slow: tuple[Floats | float, ...]
+) -> tuple[Floats, Floats, Floats]:
+    """Coefficients (n, k), orders (n, k) and delays (k,) of the characteristic quasi-polynomial.
 
-
-def _characteristic_terms(process: Process, rows: Floats) -> tuple[Floats, Floats, Floats]:
-    """Coefficients (n, k), orders (n, k) and delays (k,) of ``s^lam D(s) + (kp s^lam + ki + kd s^(lam+mu)) N(s)``."""
+    s^lam D(s) / F(s) + (kp s^lam + ki + kd s^(lam+mu)) N(s), with the coefficients ``slow`` of 1 / F(s).
+    """
     kp, ki, kd, lam, mu = rows.T
     lam = np.where(ki != 0.0, lam, 0.0)
     none = np.zeros_like(kp)
     factors: list[tuple[tuple[Term, ...], Floats, Floats]] = [
-        (process.denominator.terms, none + 1.0, lam),
+        *((process.denominator.terms, none + part, lam + power) for power, part in enumerate(slow)),
         (process.numerator.terms, kp, lam),
         (process.numerator.terms, ki, none),
         (process.numerator.terms, kd, lam + mu),

@@ -13,6 +13,7 @@ from fopid_core.model.asymptotics import SingularPart, expansion_at_infinity, fa
 from fopid_core.model.loop import Loop
 from fopid_core.model.poles import EPSILON, scaled_value
 from fopid_core.model.quasipolynomial import QuasiPolynomial
+from fopid_core.model.two_degrees import WHOLE_SETPOINT
 
 Source = Literal["setpoint", "load"]
 
@@ -47,9 +48,13 @@ class StepTransforms:
         (0.6667+0j)
         """
         if source == "setpoint":
-            numerators = loop.open_loop_denominator, loop.controller.numerator * loop.process.denominator
+            forward = loop.setpoint_numerator
+            prompt = loop.filter.is_idle and loop.weights == WHOLE_SETPOINT
+            error = loop.open_loop_denominator if prompt else loop.characteristic - forward * loop.process.numerator
+            numerators = error, forward * loop.process.denominator
         else:
-            numerators = -loop.process.numerator.shifted(loop.controller.integral_order), -loop.open_loop_numerator
+            slow = loop.filter.denominator.shifted(loop.controller.integral_order)
+            numerators = -loop.process.numerator * slow, -loop.open_loop_numerator
         return StepTransforms(numerators, loop.characteristic)
 
     @property

@@ -15,6 +15,7 @@ from fopid_core.errors import InputError
 from fopid_core.runtime.antiwindup import conditioning, direct_feedthrough, tracking_gain
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.filter_bank import derivative_weights, integral_weights
+from fopid_core.runtime.measurement_filter import FilterStep
 from fopid_core.runtime.operators import Operators
 from fopid_core.runtime.settings import ControllerSettings
 
@@ -58,6 +59,7 @@ def c_header(settings: ControllerSettings, name: str = "fopid_controller") -> st
         "off_proportional": 1.0 - settings.setpoint_weight,
         "derivative_setpoint_weight": settings.derivative_setpoint_weight,
         "half_step": 0.5 * settings.sample_time,
+        **_numbers_of_filter(settings),
         **_numbers_of_operators(settings),
     }  # fmt: skip
     words = {"name": name, "NAME": name.upper(), "antiwindup": settings.antiwindup.replace("_", " ")}
@@ -99,6 +101,16 @@ def _numbers_of_operators(settings: ControllerSettings) -> dict[str, object]:
         "tracking_gain": tracking_gain(operators, gains, settings.tracking_time),
         "takes_in": {"none": "0", "back_calculation": "1"}.get(settings.antiwindup, direction),
     }  # fmt: skip
+
+
+def _numbers_of_filter(settings: ControllerSettings) -> dict[str, object]:
+    slow = settings.measurement_filter
+    step = FilterStep(0j, 0j, 1.0 + 0j) if slow.is_idle else FilterStep.of(slow, settings.sample_time)
+    parts = {"decay": step.decay, "from_last": step.from_last, "from_new": step.from_new}
+    numbers: dict[str, object] = {"filtered": str(int(not slow.is_idle)), "measurement_filter": str(slow)}
+    for name, value in parts.items():
+        numbers |= {f"measurement_{name}_re": value.real, f"measurement_{name}_im": value.imag}
+    return numbers
 
 
 Row = tuple[str, float, float, float, float, float]

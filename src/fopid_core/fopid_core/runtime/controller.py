@@ -12,6 +12,7 @@ from typing import Literal, get_args
 from fopid_core.errors import InputError
 from fopid_core.runtime.antiwindup import conditioning, direct_feedthrough, tracking_gain
 from fopid_core.runtime.filter_bank import Band, derivative_weights, integral_weights
+from fopid_core.runtime.measurement_filter import RunningFilter
 from fopid_core.runtime.operators import Operators
 from fopid_core.runtime.settings import LARGEST, LOWEST, AntiWindup, ControllerSettings, with_gains
 
@@ -29,8 +30,8 @@ class ControllerState:
     Attributes
     ----------
     setpoint, measurement, error : float
-        As the controller took them: the setpoint within its rate, the error without its deadband, angles that wrap
-        around without their jumps.
+        As the controller took them: the setpoint within its rate, the error of the filtered measurement and without
+        its deadband, angles that wrap around without their jumps.
     proportional, integral, derivative, feedforward : float
         The parts of the control; the integral carries what bumpless changes have left behind.
     control_unlimited, control : float
@@ -71,6 +72,8 @@ class FopidController:
     def __init__(self, settings: ControllerSettings) -> None:
         self.state = ControllerState()
         self._arguments: tuple[Band, float, float] | None = None
+        self._filter: RunningFilter | None = None
+        self._filtered = 0.0  # the measurement behind its filter
         self._operators: Operators
         self._install(settings)
         self.reset()
@@ -199,6 +202,11 @@ class FopidController:
             self._before = state.proportional + state.derivative + state.feedforward
         state.setpoint, state.measurement, state.feedforward = setpoint, measurement, feedforward
         self._manual = manual
+        if self._filter is not None:
+            if self._held:
+                self._filter.rest_at(measurement)
+            measurement = self._filter.push(measurement)
+        self._filtered = measurement
         return self._advance(setpoint, measurement, last - self._implied_control, tracking is not None)
 
     def finish(self, integral: float, derivative: float) -> float:
@@ -268,6 +276,7 @@ class FopidController:
         self._setpoint_move_max = settings.setpoint_rate_max * settings.sample_time
         self._low, self._high = settings.control_min, settings.control_max
         self._control_move_max = settings.control_rate_max * settings.sample_time
+        self._provide_filter(settings)
         self._deadband, self._derivative_weight = settings.deadband, settings.derivative_setpoint_weight
         self._wraps = settings.angle_wraparound
         correction = None if settings.tracking_time else conditioning(operators, gains)
@@ -289,8 +298,18 @@ class FopidController:
             self._differentiated -= step
         self._operators, self._arguments = operators, arguments
 
+    def _provide_filter(self, settings: ControllerSettings) -> None:
+        wanted, kept = settings.measurement_filter, self._filter
+        if wanted.is_idle:
+            self._filter = None
+        elif kept is None or kept.wanted != (wanted, settings.sample_time):
+            self._filter = RunningFilter(wanted, settings.sample_time)
+            self._filter.rest_at(self._filtered)
+
     def _start(self, measurement: float, control: float) -> None:
         self._started = True
+        if self._filter is not None:
+            self._filter.rest_at(measurement)
         self._origin = self.state.setpoint = measurement
         self._implied_control = control
 

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.filter_bank import Band
 
 AntiWindup = Literal["none", "back_calculation", "conditional_integration"]
@@ -39,6 +40,10 @@ class ControllerSettings:
         The same for the derivative part: 1 derivative of the error, 0 derivative of the measurement.
     derivative_filter_time : float
         Time constant of the lag before the derivative [s]; 0 for none.
+    measurement_filter_order : int
+        Of the filter of the whole measurement: 0 for none, 1, or 2 (of damping 0.71).
+    measurement_filter_time : float
+        Its time [s]; 0 for none.
     setpoint_rate_max : float
         Largest change of the setpoint per second: a step becomes a ramp, which spares the actuator the kick of the
         proportional and derivative parts and does not saturate it; infinite for none.
@@ -81,6 +86,8 @@ class ControllerSettings:
     setpoint_rate_max: float = math.inf
     deadband: float = 0.0
     angle_wraparound: bool = False
+    measurement_filter_order: int = 0
+    measurement_filter_time: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("kp", "ki", "kd"):
@@ -102,7 +109,12 @@ class ControllerSettings:
                 raise InputError(f"{name} = {getattr(self, name)}; allowed: above 0, inf for none")
         if self.antiwindup not in get_args(AntiWindup):
             raise InputError(f"antiwindup = {self.antiwindup!r}; allowed: {', '.join(get_args(AntiWindup))}")
-        _ = self.active_band
+        _ = self.active_band, self.measurement_filter
+
+    @property
+    def measurement_filter(self) -> MeasurementFilter:
+        """The filter of the measurement."""
+        return MeasurementFilter(self.measurement_filter_order, self.measurement_filter_time)
 
     @property
     def active_band(self) -> Band:
@@ -114,6 +126,20 @@ def _require(holder: object, name: str, low: float, high: float) -> None:
     value = getattr(holder, name)
     if not low <= value <= high:
         raise InputError(f"{name} = {value}; allowed: {low:g} to {high:g}")
+
+
+def as_designed(
+    gains: Fopid, sample_time: float, measurement_filter: MeasurementFilter, weights: SetpointWeights
+) -> ControllerSettings:
+    """The settings that run a design as it was designed."""
+    return ControllerSettings(
+        gains,
+        sample_time,
+        setpoint_weight=weights.proportional,
+        derivative_setpoint_weight=weights.derivative,
+        measurement_filter_order=measurement_filter.order,
+        measurement_filter_time=measurement_filter.time,
+    )
 
 
 def with_gains(settings: ControllerSettings, gains: Fopid) -> ControllerSettings:

@@ -41,6 +41,8 @@ SPECS = (
     Spec("setpoint_weight", 1.0, "share of the setpoint in the proportional part", 0.0, 1.0),
     Spec("derivative_setpoint_weight", 1.0, "the same for the derivative; 0: of the measurement alone", 0.0, 1.0),
     Spec("derivative_filter_time", 0.0, "time constant of the lag before the derivative [s]", 0.0, 1e9),
+    Spec("measurement_filter_order", 0, "order of the filter of the measurement; 0 for none", 0, 2),
+    Spec("measurement_filter_time", 0.0, "its time [s]; 0 for none", 0.0, 1e9),
     Spec("control_min", -math.inf, "lower limit of the control; -inf for none"),
     Spec("control_max", math.inf, "upper limit of the control; inf for none"),
     Spec("control_rate_max", math.inf, "largest change of the control per second; inf for none", 0.0),
@@ -83,6 +85,7 @@ _SAME_IN_THE_CORE = (
     "sample_time", "setpoint_weight", "derivative_setpoint_weight", "derivative_filter_time", "control_rate_max",
     "antiwindup", "tracking_time", "bumpless", "safe_control", "horizon", "setpoint_rate_max", "deadband",
     "angle_wraparound",
+    "measurement_filter_order", "measurement_filter_time",
 )  # fmt: skip
 
 

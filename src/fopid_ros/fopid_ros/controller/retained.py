@@ -29,7 +29,8 @@ WAIT_FOR_DISK = 0.05
 """The loop stands still no longer than this [s] until the file is written; a disk that is slower is told of."""
 
 GAINS = ("kp", "ki", "kd", "lam", "mu")
-BASIS = ("sample_time", "band.low", "band.high", "band.poles", "horizon", "derivative_filter_time")
+BASIS = ("sample_time", "band.low", "band.high", "band.poles", "horizon", "derivative_filter_time",
+         "measurement_filter_order", "measurement_filter_time")  # fmt: skip
 """Parameters that make the same five numbers another controller."""
 
 

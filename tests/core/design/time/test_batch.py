@@ -8,7 +8,8 @@ from scipy.optimize import differential_evolution
 
 from fopid_core.data import test_batch as published_batch
 from fopid_core.design.time.objectives import Objective
-from fopid_core.design.time.problem import TimeProblem, TimeSpecification
+from fopid_core.design.time.problem import TimeProblem
+from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.tuner import TuningRequest, TuningResult, tune
 from fopid_core.model.process import Process
 from fopid_core.model.stability import stable_mask

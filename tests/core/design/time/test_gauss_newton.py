@@ -10,7 +10,8 @@ from scipy.optimize import minimize
 
 from fopid_core.design.time.gauss_newton import begin, descend, least_distance
 from fopid_core.design.time.objectives import Objective
-from fopid_core.design.time.problem import TimeProblem, TimeSpecification
+from fopid_core.design.time.problem import TimeProblem
+from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.model.process import read_process
 
 

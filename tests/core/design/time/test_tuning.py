@@ -9,7 +9,8 @@ import pytest
 from scipy.optimize import minimize
 
 from fopid_core.design.time.objectives import Objective
-from fopid_core.design.time.problem import TimeProblem, TimeSpecification
+from fopid_core.design.time.problem import TimeProblem
+from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.starts import starts
 from fopid_core.design.time.tuning import TimeDesign, tune_time
 from fopid_core.model.fopid import Fopid

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +30,8 @@ class LoopResponses:
     Attributes
     ----------
     time : ndarray, shape (m,)
-    errors : ndarray, shape (n, m)
+    errors : ndarray, shape (n, k m)
+        Of k steps, one behind the other.
     controls : ndarray, shape (n, m)
         Only when the objective needs it; the first sample is that of the controller as it runs.
     w : ndarray, shape (k,)
@@ -100,17 +101,18 @@ class Objective:
         """Whether it is a sum of integrals of absolute values and squares, and nothing else."""
         return self.name != "zamani"
 
-    def time_weights(self, time: Real) -> tuple[Real, Real]:
-        """Weights, shape (m,), of the signals' absolute values and squares whose sum is the cost.
+    def time_weights(self, time: Real, steps: Sequence[float] = (1.0,)) -> tuple[Real, Real]:
+        """Weights, shape (k m,), of the signals' absolute values and squares whose sum is the cost.
 
-        The sum is the trapezoid rule for eqs. (24) to (29); behind the error stands the control where it counts.
+        The sum is the trapezoid rule for eqs. (24) to (29) for each of k steps, weighted; behind the errors stands the
+        control where it counts.
         """
         of_absolute = {"iae": np.ones_like(time), "itae": time}
         of_square = {"ise": np.ones_like(time), "itse": time, "istes": time**4, "istse": time**2}
         trapezoid = np.full_like(time, time[1])
         trapezoid[[0, -1]] *= 0.5
-        absolute = self._combined(of_absolute) * trapezoid
-        square = self._combined(of_square) * trapezoid
+        absolute = np.concatenate([step * self._combined(of_absolute) * trapezoid for step in steps])
+        square = np.concatenate([step * self._combined(of_square) * trapezoid for step in steps])
         if not self.needs_control:
             return absolute, square
         of_control = np.full_like(time, self.weights["energy"] * time[1])

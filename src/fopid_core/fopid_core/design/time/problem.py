@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import copy
-import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,15 @@ from numpy.typing import NDArray
 from fopid_core.design.control_peak import first_control
 from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover, process_gain
 from fopid_core.design.specification import NUMBERS
-from fopid_core.design.time.objectives import LoopResponses, Objective
-from fopid_core.design.time.search_response import ResponseGrid
+from fopid_core.design.time.bands import least_in_bands, log_size
+from fopid_core.design.time.objectives import LoopResponses
+from fopid_core.design.time.search_response import ResponseGrid, Variables
+from fopid_core.design.time.specification import TimeSpecification
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
+from fopid_core.model.stability import stable_mask
+from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.model.winding import right_half_plane_zeros
 
 Real = NDArray[np.float64]
@@ -28,54 +33,29 @@ BANDS = 12
 """A largest value counts as one for each of so many bands: each is smooth in the gains where their maximum is not."""
 LEAST_ORDER = 0.05
 """Of an integral and of a derivative."""
+FILTER_TIMES = (1e-3, 3.0)
+"""Of the filter of the measurement, in units of the process's time."""
+FILTER_SCALE = 0.1
+"""What a filter's time is measured in, in these units."""
 SAFE = 3e-5
 """Share of a bound that is kept clear of in a search, for what its grids do not show."""
 SAFE_CONTROL = 1e-3
 """The same for the control signal, which the grid of instants shows less exactly."""
-AROUND = np.array([-0.4, -0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2, 0.4])
-"""Where a peak is looked at, in units of its width."""
 NOISE_BANDS = 6
 EDGE = 1e-6
 """How near to an end of its range a number counts as being there, in units of its scale."""
 STEP = 1e-6
 """Relative change of a number from which slopes are taken."""
+SAFE_RMS = 1e-3
+"""The same for an integral over the grid of frequencies."""
+SMALLEST = 1e-300
 SMOOTHED = 4
 """First instants at which the control signal of a search is not to be believed."""
 
 
 @dataclass(frozen=True)
-class TimeSpecification:
-    """What is minimised, and under which bounds.
-
-    Attributes
-    ----------
-    objective : Objective
-    horizon : float
-        Time over which the response counts [s].
-    ms_max, u_max, noise_max : float
-        Bounds on max |S|, on the control's peak after a unit setpoint step, and on max |C S| up to the Nyquist
-        frequency of the controller; infinite for none.
-    sample_time : float
-        Tick of the controller as it will run [s].
-    fixed : mapping
-        Numbers of the controller that keep a value.
-    bounds : mapping
-        (low, high) of numbers, in place of the default box.
-    """
-
-    objective: Objective
-    horizon: float
-    ms_max: float = math.inf
-    u_max: float = math.inf
-    noise_max: float = math.inf
-    sample_time: float = 0.01
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class Linearised:
-    """Signals and bounds at one point and their slopes along its f free numbers, in units of the problem's scale.
+    """Signals and bounds at one point and their slopes along its f free variables, in units of the problem's scale.
 
     Attributes
     ----------
@@ -128,8 +108,10 @@ class TimeProblem:
         self.speed, self.gain = natural_crossover(process, PHASE_MARGIN), process_gain(process)
         self.points = points or enough_points(specification.horizon * self.speed)
         self.evaluations = 0
-        self._grid = ResponseGrid(process, specification.horizon, self.points, self.speed)
-        self._weights = specification.objective.time_weights(self._grid.time)
+        self.variables = specification.variables
+        self._grid = ResponseGrid(process, specification.horizon, self.points, self.speed, specification.filter_order)
+        parts = [self.load_weight if source == "load" else 1.0 for source in self.sources]
+        self._weights = specification.objective.time_weights(self._grid.time, parts)
         grid = math.log(self.speed) + math.log(10.0) * np.linspace(-2.5, 2.5, density * BANDS)
         self._log_w = np.union1d(grid, [*_resonances(process, grid), *watched])
         self._w = np.exp(self._log_w)
@@ -138,32 +120,70 @@ class TimeProblem:
         grid = np.linspace(math.log(0.1 * self.speed), nyquist, 60)
         self._log_noise_w = np.union1d(grid, [z for z in watched if z < nyquist])
         self._noise_p = process(1j * np.exp(self._log_noise_w))
-        size = abs(self.gain)
-        self.scale = np.array([1.0 / size, self.speed / size, 1.0 / (size * self.speed), 1.0, 1.0])
+        size, time = abs(self.gain), 1.0 / self.speed
+        scale = [1.0 / size, self.speed / size, time / size, 1.0, 1.0, FILTER_SCALE * time, 1.0, 1.0]
+        self.scale = np.array(scale[: len(self.variables)])
         self.box = self._box()
 
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Where the steps come in whose responses count."""
+        source = self.specification.input
+        return ("setpoint", "load") if source == "both" else (source,)
+
+    @property
+    def load_weight(self) -> float:
+        """Of the load's index; its step is scaled apart."""
+        return self.specification.load_weight if self.specification.input == "both" else 1.0
+
     def _box(self) -> Real:
-        """Lowest and highest of each number, shape (5, 2)."""
+        """Lowest and highest of each variable, shape (5, 2) or (8, 2)."""
+        asked, names = self.specification, self.variables
         highest = math.copysign(LARGEST_GAIN, self.gain) * self.scale[:3]
-        largest_mu = min(2.0, max(self.process.relative_degree, LEAST_ORDER))
+        degree = self.process.relative_degree + asked.filter_order
         gains = np.sort(np.stack([0.0 * highest, highest], axis=1), axis=1)
-        box = np.concatenate([gains, [[LEAST_ORDER, 2.0], [LEAST_ORDER, largest_mu]]])
-        for name, bounds in self.specification.bounds.items():
-            box[NUMBERS.index(name)] = bounds
-        for name, value in self.specification.fixed.items():
-            box[NUMBERS.index(name)] = value
+        orders = [[LEAST_ORDER, 2.0], [LEAST_ORDER, min(2.0, max(degree, LEAST_ORDER))]]
+        slow = np.array(FILTER_TIMES) / self.speed if asked.filter_order else np.zeros(2)
+        weights = [0.0 if asked.two_degrees else 1.0, 1.0]
+        box = np.concatenate([gains, orders, [slow, weights, weights]])[: len(names)]
+        for name, bounds in asked.bounds.items():
+            box[names.index(name)] = bounds
+        for name, value in asked.fixed.items():
+            box[names.index(name)] = value
         return box
 
     @property
     def free(self) -> NDArray[np.intp]:
-        """Positions of the numbers that may change."""
+        """Positions of the variables that may change."""
         return np.flatnonzero(self.box[:, 0] < self.box[:, 1])
+
+    def row(self, gains: tuple[float, ...]) -> Real:
+        """Variables from a controller's five numbers, the others in the middle of their range, shape (1, variables)."""
+        rest = np.exp(np.log(np.maximum(self.box[5:], 1e-300)).mean(axis=1)) if len(self.variables) > 5 else []
+        return np.asarray(np.clip([[*gains, *rest]], *self.box.T))
+
+    def loop(self, row: Real) -> Loop:
+        """The loop that a row of variables stands for."""
+        numbers = row.tolist()
+        controller = Fopid(*numbers[:5])
+        if len(numbers) == 5:
+            return Loop(self.process, controller)
+        slow = MeasurementFilter(self.specification.filter_order, numbers[5])
+        return Loop(self.process, controller, slow, SetpointWeights(*numbers[6:]))
+
+    def stable(self, rows: Real) -> NDArray[np.bool_]:
+        """Which rows give a stable loop for certain, shape (n,)."""
+        if not len(rows):
+            return np.zeros(0, dtype=bool)
+        if len(self.variables) == 5:
+            return stable_mask(self.process, rows)
+        return stable_mask(self.process, rows[:, :5], rows[:, 5], self.specification.filter_order)
 
     def at_edge(self, gains: Real) -> tuple[str, ...]:
         """Which of the five numbers, if they are free and count, end on the edge of their range, in words."""
         idle = {"lam": gains[1] == 0.0, "mu": gains[2] == 0.0}
         texts = []
-        for row in self.free:
+        for row in self.free[self.free < len(NUMBERS)]:
             name, (low, high) = NUMBERS[row], self.box[row]
             if min(gains[row] - low, high - gains[row]) <= EDGE * self.scale[row] and not idle.get(name, False):
                 texts.append(f"{name} = {gains[row]:.4g} (range {low:.4g} to {high:.4g})")
@@ -175,11 +195,11 @@ class TimeProblem:
         return TimeProblem(self.process, self.specification, **(kept | changes))
 
     def restricted(self, numbers: Mapping[str, float]) -> TimeProblem:
-        """The same problem with some of the five numbers kept at a value, or as near to it as the box lets them be."""
+        """The same problem with some variables kept at a value, or as near to it as the box lets them be."""
         other = copy.copy(self)
         other.box = self.box.copy()
         for name, value in numbers.items():
-            row = NUMBERS.index(name)
+            row = self.variables.index(name)
             other.box[row] = np.clip(value, *self.box[row])
         return other
 
@@ -191,7 +211,7 @@ class TimeProblem:
 
     def slack(self, gains: Real) -> Real:
         """What is left to each bound, shape (n, bounds)."""
-        return self._slack(gains, self._p * _controller(gains, self._log_w))
+        return self._slack(gains, self._loop(gains))
 
     def linearised(self, gains: Real) -> Linearised:
         """The problem around one controller, from one batch of responses."""
@@ -217,7 +237,7 @@ class TimeProblem:
 
         Between two controllers one of which is stable and one is not, it jumps by a multiple of pi.
         """
-        turned = 1.0 + self._p * _controller(gains[None], self._log_w)[0]
+        turned = 1.0 + self._loop(gains[None])[0]
         turns = float(np.angle(turned[1:] / turned[:-1]).sum())
         return turns - 0.5 * math.pi * (float(gains[3]) + self.process.integrating_order)
 
@@ -231,29 +251,61 @@ class TimeProblem:
         return bool(largest > self.specification.u_max * (1.0 - SAFE_CONTROL))
 
     def final_error(self, gains: Real) -> float:
-        """What is left of the error of one controller at the horizon."""
-        return float(self._grid.errors(gains[None])[0, -1])
+        """The largest share of a step's error that is left at the horizon, of one controller."""
+        errors = self._errors(gains[None])[:, 0]
+        return float(np.max(np.abs(errors[:, -1]) / np.maximum(np.abs(errors).max(axis=1), SMALLEST)))
 
     def ms(self, gains: Real) -> Real:
         """Largest |S|, shape (n,)."""
-        loop = self._p * _controller(gains, self._log_w)
-        return np.asarray(np.exp(-_least_in_bands(_log_size(1.0 + loop), self._log_w, BANDS).min(axis=1)))
+        return np.asarray(np.exp(-least_in_bands(log_size(1.0 + self._loop(gains)), self._log_w, BANDS).min(axis=1)))
+
+    def mt(self, gains: Real) -> Real:
+        """Largest |T|, shape (n,)."""
+        return np.asarray(np.exp(-self._complementary(self._loop(gains)).min(axis=1)))
 
     def noise_gain(self, gains: Real) -> Real:
-        """Largest |C S| up to the Nyquist frequency, shape (n,)."""
-        return np.asarray(np.exp(-self._noise(gains).min(axis=1)))
+        """Largest |C F S| up to the Nyquist frequency, shape (n,)."""
+        return np.asarray(np.exp(-least_in_bands(self._noise(gains), self._log_noise_w, NOISE_BANDS).min(axis=1)))
+
+    def _loop(self, gains: Real) -> Complex:
+        """L(j w), shape (n, frequencies)."""
+        return self._p * self._variables(gains).feedback(self._log_w)
+
+    def _variables(self, gains: Real) -> Variables:
+        return Variables(gains, self.specification.filter_order)
+
+    def _complementary(self, loop: Complex) -> Real:
+        return least_in_bands(log_size(1.0 + loop) - log_size(loop), self._log_w, BANDS)
 
     def _noise(self, gains: Real) -> Real:
-        """Negative logarithm of the largest |C S| in each of some bands, shape (n, bands)."""
-        controller = _controller(gains, self._log_noise_w)
-        size = _log_size(1.0 + controller * self._noise_p) - _log_size(controller)
-        return _least_in_bands(size, self._log_noise_w, NOISE_BANDS)
+        """Negative logarithm of |C F S|, shape (n, frequencies)."""
+        feedback = self._variables(gains).feedback(self._log_noise_w)
+        return log_size(1.0 + feedback * self._noise_p) - log_size(feedback)
+
+    def _noise_rms(self, noise: Real) -> Real:
+        """Logarithm of the root mean square of the control that the noise makes, shape (n,)."""
+        w = np.exp(self._log_noise_w)
+        power = np.exp(-2.0 * noise)
+        whole = 0.5 * np.sum((power[:, 1:] + power[:, :-1]) * np.diff(w), axis=1) + power[:, 0] * w[0]
+        return np.asarray(0.5 * np.log(self.specification.noise_density / math.pi * whole))
+
+    def _errors(self, gains: Real) -> Real:
+        """Of each step that counts, shape (steps, n, instants); beside a setpoint, the load's step is 1 / gain."""
+        size = 1.0 / abs(self.gain) if self.specification.input == "both" else 1.0
+        grid = self._grid
+        parts = grid.parts(gains)
+        return np.stack(
+            [
+                grid.errors(gains, parts) if source == "setpoint" else size * grid.load_errors(gains, parts)
+                for source in self.sources
+            ]
+        )
 
     def _responses(self, gains: Real) -> LoopResponses:
         self.evaluations += len(gains)
-        loop = self._p * _controller(gains, self._log_w)
         controls = self._controls(gains) if self.specification.objective.needs_control else None
-        return LoopResponses(self._grid.time, self._grid.errors(gains), controls, self._w, loop)
+        errors = np.concatenate([*self._errors(gains)], axis=1)
+        return LoopResponses(self._grid.time, errors, controls, self._w, self._loop(gains))
 
     def _controls(self, gains: Real) -> Real:
         controls = self._grid.controls(gains)
@@ -265,55 +317,41 @@ class TimeProblem:
         bounds = self.specification
         columns: list[Real] = []
         if math.isfinite(bounds.ms_max):
-            least = _least_in_bands(_log_size(1.0 + loop), self._log_w, BANDS)
+            least = least_in_bands(log_size(1.0 + loop), self._log_w, BANDS)
             columns += list(math.log(bounds.ms_max) + least.T)
+        if math.isfinite(bounds.mt_max):
+            columns += list(math.log(bounds.mt_max) + self._complementary(loop).T)
         if math.isfinite(bounds.u_max):
             columns.append(1.0 - np.abs(first_control(gains, bounds.sample_time)) / bounds.u_max)
             if self.watch_control:
                 controls = -np.abs(self._controls(gains)[:, SMOOTHED:]) / bounds.u_max
-                columns += list(1.0 - SAFE_CONTROL + _least_in_bands(controls, self._grid.time[SMOOTHED:], BANDS).T)
-        if math.isfinite(bounds.noise_max):
-            columns += list(math.log(bounds.noise_max) + self._noise(gains).T)
+                columns += list(1.0 - SAFE_CONTROL + least_in_bands(controls, self._grid.time[SMOOTHED:], BANDS).T)
+        if math.isfinite(bounds.noise_max) or bounds.bounds_noise_rms:
+            columns += self._noise_slack(gains)
+        if math.isfinite(bounds.rate_max):
+            columns += self._rate_slack(gains)
         return np.stack(columns, axis=1) - SAFE if columns else np.ones((len(gains), 1))
+
+    def _noise_slack(self, gains: Real) -> list[Real]:
+        bounds, noise, columns = self.specification, self._noise(gains), []
+        if math.isfinite(bounds.noise_max):
+            least = least_in_bands(noise, self._log_noise_w, NOISE_BANDS)
+            columns += list(math.log(bounds.noise_max) + least.T)
+        if bounds.bounds_noise_rms:
+            columns.append(math.log(bounds.noise_rms_max) - SAFE_RMS - self._noise_rms(noise))
+        return columns
+
+    def _rate_slack(self, gains: Real) -> list[Real]:
+        bounds, time = self.specification, self._grid.time
+        first = 1.0 - np.abs(first_control(gains, bounds.sample_time)) / (bounds.rate_max * bounds.sample_time)
+        moves = np.diff(self._controls(gains)[:, SMOOTHED:], axis=1) / (time[1] * bounds.rate_max)
+        later = 1.0 - SAFE_CONTROL + least_in_bands(-np.abs(moves), time[SMOOTHED + 1 :], BANDS)
+        return [first, *later.T]
 
 
 def enough_points(turns: float) -> int:
     """A power of two of time steps for a horizon of so many radians of the natural crossover."""
     return 1 << math.ceil(math.log2(max(8.0 * turns, 256.0)))
-
-
-def _controller(gains: Real, log_w: Real) -> Complex:
-    """C(j w) for rows of gains, shape (n, frequencies)."""
-    kp, ki, kd, lam, mu = gains.T[..., None]
-    integral = ki * np.exp(-0.5j * math.pi * lam) * np.exp(-lam * log_w)
-    return np.asarray(kp + integral + kd * np.exp(0.5j * math.pi * mu) * np.exp(mu * log_w))
-
-
-def _log_size(values: Complex) -> Real:
-    with np.errstate(divide="ignore"):
-        return np.asarray(0.5 * np.log(values.real**2 + values.imag**2))
-
-
-def _least_in_bands(values: Real, position: Real, bands: int) -> Real:
-    """The least value in each of some bands along the second axis, between points by a parabola, shape (n, bands)."""
-    edges = np.linspace(0, values.shape[1], bands + 1).astype(int)
-    columns = [first + values[:, first:last].argmin(axis=1) for first, last in itertools.pairwise(edges.tolist())]
-    least = np.stack(columns, axis=1)
-    rows, at = np.arange(len(values))[:, None], np.clip(least, 1, values.shape[1] - 2)
-    before, here, after = values[rows, at - 1], values[rows, at], values[rows, at + 1]
-    left, right = position[at] - position[at - 1], position[at + 1] - position[at]
-    fall, rise = (before - here) / left, (after - here) / right
-    bend = (fall + rise) / (left + right)
-    slope = (rise * left - fall * right) / (left + right)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        bottom = here - 0.25 * slope**2 / bend
-    lowest = (at == least) & (fall >= 0.0) & (rise >= 0.0) & np.isfinite(bottom)
-    return np.asarray(np.where(lowest, bottom, values[rows, least]))
-
-
-def around(peak: float, width: float) -> tuple[float, ...]:
-    """Where to look at a peak of so much width, as ln w."""
-    return tuple((peak + width * AROUND).tolist())
 
 
 def _resonances(process: Process, grid: Real) -> Real:

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from fopid_core.design import defaults
-from fopid_core.design.specification import Bounds, Expired, Progress, Proposal, TuningRequest, require
+from fopid_core.design.specification import (
+    STRUCTURES,
+    Bounds,
+    Expired,
+    Progress,
+    Proposal,
+    TuningRequest,
+    no_progress,
+    require,
+)
 from fopid_core.design.time.objectives import Objective
-from fopid_core.design.time.problem import TimeSpecification
-from fopid_core.design.time.tuning import tune_time
+from fopid_core.design.time.preference import preferred
+from fopid_core.design.time.specification import TimeSpecification
+from fopid_core.design.time.tuning import TimeDesign, tune_time
 from fopid_core.model.process import Process
 
 TURNS = 40.0
@@ -18,6 +29,7 @@ MOST_TURNS = 10_000.0
 DELAYS = 12.0
 """Or in delays of the process, if that is longer."""
 
+_INPUT_WORDS = {"setpoint": "setpoint step", "load": "load step", "both": "setpoint and the load step"}
 
 SETTLED = 0.02
 """Of the setpoint step: an error at the horizon that is worth a word."""
@@ -27,20 +39,25 @@ IDLE = 0.99
 
 def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -> Proposal:
     """The controller with the best index for a request."""
-    specification = _specification(request)
+    specification = time_specification(request)
     solver = request.solver or "gauss-newton"
-    design = tune_time(request.process, specification, request.start, solver, request.seed, progress, expired)
-    message = f"{request.index} over {specification.horizon:.4g} s, {solver}; {_assumptions(request, specification)}"
-    bounds = Bounds(
-        ms_max=specification.ms_max,
-        noise_max=specification.noise_max,
-        u_max=specification.u_max,
-        sample_time=specification.sample_time,
-        horizon=specification.horizon,
-    )
+
+    def search(wanted: TimeSpecification, tell: Progress = no_progress) -> TimeDesign | None:
+        return tune_time(request.process, wanted, request.start, solver, request.seed, tell, expired)
+
+    design = search(specification, progress)
+    what = f"{request.index} of the {_INPUT_WORDS[request.input]} over {specification.horizon:.4g} s"
+    message = f"{what}, {solver}; {_assumptions(request, specification)}"
+    bounds = bounds_of(specification)
     if design is None:
         unstable = ("stability: none of the controllers drawn is stable; a stable start may help",)
         return Proposal(None, unstable, message, math.nan, 0, bounds)
+    structure = request.structure or ""
+    if not structure and solver == "gauss-newton" and not expired():
+        progress(0.9, "looking at simpler controllers")
+        chosen = preferred(specification, design, defaults.process_gain(request.process), search)
+        design, structure = chosen.design, chosen.structure
+        message += f"; {chosen.words}" if chosen.words else ""
     left = f"{design.final_error:.3g} is left at the horizon"
     if abs(design.final_error) > SETTLED:
         message += f"; the error does not die out: {left}"
@@ -48,31 +65,80 @@ def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -
         message += f"; on the edge of its range: {', '.join(design.at_edge)}"
     unmet = _hopeless(request.process, specification)
     if abs(design.final_error) > IDLE:
-        unmet = (*unmet, f"a controller that acts: of the setpoint step {left}")
-    return Proposal(design.controller, unmet, message, design.cost, design.evaluations, bounds, design.at_edge)
+        unmet = (*unmet, f"a controller that acts: of the step {left}")
+    return Proposal(
+        design.controller, unmet, message, design.cost, design.evaluations, bounds, design.at_edge, design.filter,
+        design.weights, structure,
+    )  # fmt: skip
 
 
-def _specification(request: TuningRequest) -> TimeSpecification:
+def bounds_of(specification: TimeSpecification) -> Bounds:
+    """What a design must keep."""
+    names = ("ms_max", "mt_max", "noise_max", "u_max", "sample_time", "horizon", "rate_max", "noise_density",
+             "noise_rms_max")  # fmt: skip
+    return Bounds(**{name: getattr(specification, name) for name in names})
+
+
+def time_specification(request: TuningRequest) -> TimeSpecification:
+    """What a request asks, and what is chosen where it asks nothing.
+
+    Raises
+    ------
+    InputError
+        Naming what this method cannot do for the process.
+    """
     process = request.process
     held = process.steady_state_gain != 0.0
     require(held, "process", process, "for this method one with a steady-state gain, since no control holds a setpoint")
     horizon = request.horizon
-    if horizon is None:
-        horizon = max(TURNS / defaults.natural_crossover(process, defaults.PHASE_MARGIN), DELAYS * process.delay)
-    require(horizon > process.delay, "horizon", f"{horizon:g} s", f"longer than the delay {process.delay:g} s")
     speed = defaults.natural_crossover(process, defaults.PHASE_MARGIN)
+    if horizon is None:
+        horizon = max(TURNS / speed, DELAYS * process.delay)
+    require(horizon > process.delay, "horizon", f"{horizon:g} s", f"longer than the delay {process.delay:g} s")
     longest = MOST_TURNS / speed
     require(horizon <= longest, "horizon", f"{horizon:g} s", f"up to {longest:.3g} s for so fast a process")
+    objective = Objective.of(request.index, request.weights)
+    by_setpoint = objective.is_integral and not objective.needs_control
+    require(by_setpoint or request.input == "setpoint", "input", request.input, f"setpoint with {request.index}")
+    usual = defaults.U_MAX / abs(defaults.process_gain(process))
+    free = request.filter_order > 0 or request.input != "setpoint"
     return TimeSpecification(
-        objective=Objective.of(request.index, request.weights),
+        objective=objective,
         horizon=horizon,
         ms_max=defaults.MS_MAX if request.ms_max is None else request.ms_max,
-        u_max=defaults.U_MAX / abs(defaults.process_gain(process)) if request.u_max is None else request.u_max,
-        noise_max=math.inf if request.noise_max is None else request.noise_max,
+        u_max=usual if request.u_max is None else request.u_max,
+        noise_max=_noise_max(request, usual),
         sample_time=request.sample_time,
-        fixed=request.fixed,
+        fixed=_fixed(request),
         bounds=request.bounds,
+        mt_max=_or_none(request.mt_max),
+        input=request.input,  # type: ignore[arg-type]
+        load_weight=request.load_weight,
+        filter_order=request.filter_order,
+        two_degrees=free if request.two_degrees is None else request.two_degrees,
+        noise_density=request.noise_density or 0.0,
+        noise_rms_max=_or_none(request.noise_rms_max),
+        rate_max=_or_none(request.rate_max),
     )
+
+
+def _noise_max(request: TuningRequest, usual: float) -> float:
+    """A filter whose time is to be chosen needs a bound that asks for it."""
+    needed = request.filter_order > 0 and request.noise_rms_max is None
+    return (usual if needed else math.inf) if request.noise_max is None else request.noise_max
+
+
+def _fixed(request: TuningRequest) -> Mapping[str, float]:
+    """The numbers that keep a value, by name or by structure."""
+    of_structure = STRUCTURES[request.structure or "fopid"]
+    for name, value in of_structure.items():
+        other = request.fixed.get(name, value)
+        require(other == value, f"fixed {name}", other, f"{value:g}, as structure {request.structure} says")
+    return {**of_structure, **request.fixed}
+
+
+def _or_none(bound: float | None) -> float:
+    return math.inf if bound is None else bound
 
 
 def _assumptions(request: TuningRequest, specification: TimeSpecification) -> str:
@@ -80,8 +146,15 @@ def _assumptions(request: TuningRequest, specification: TimeSpecification) -> st
     parts = [f"max |S| <= {specification.ms_max:g}" + (" by default" if request.ms_max is None else "")]
     by_default = " by default" if request.u_max is None else ""
     parts.append(f"control peak <= {specification.u_max:.4g} at {specification.sample_time:g} s ticks{by_default}")
+    if math.isfinite(specification.mt_max):
+        parts.append(f"max |T| <= {specification.mt_max:g}")
     if math.isfinite(specification.noise_max):
-        parts.append(f"noise gain <= {specification.noise_max:g}")
+        by_default = " by default" if request.noise_max is None else ""
+        parts.append(f"noise gain <= {specification.noise_max:.4g}{by_default}")
+    if specification.bounds_noise_rms:
+        parts.append(f"control from noise <= {specification.noise_rms_max:g}")
+    if math.isfinite(specification.rate_max):
+        parts.append(f"control rate <= {specification.rate_max:g}/s")
     if request.horizon is None:
         parts.append("horizon chosen from the process")
     return ", ".join(parts)

@@ -14,16 +14,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopid_core.model.process import Process
+from fopid_core.model.two_degrees import filter_coefficients
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+Parts = tuple[Complex, Complex]
 
 DAMPING = 6.0
 """exp(-6) of what is left of the error one period later leaks into the response."""
 
 
+class Variables:
+    """Rows of variables (kp, ki, kd, lam, mu), or with (filter time, b, c) behind them, as columns, shape (n, 1).
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, 5) or (n, 8)
+    filter_order : int
+    """
+
+    def __init__(self, rows: Real, filter_order: int = 0) -> None:
+        columns: Real = rows.T[..., None]
+        self.kp, self.ki, self.kd, self.lam, self.mu = columns[:5]
+        self.is_plain = len(columns) == 5
+        one = np.ones((1, 1))
+        rest: Real = np.stack([0.0 * one, one, one]) if self.is_plain else columns[5:]
+        self.filter_time, self.b, self.c = rest
+        self._filter_order = filter_order
+
+    def feedback(self, log_w: Real) -> Complex:
+        """C F at s = j w, shape (n, frequencies)."""
+        integral = self.ki * np.exp(-0.5j * math.pi * self.lam) * np.exp(-self.lam * log_w)
+        derivative = self.kd * np.exp(0.5j * math.pi * self.mu) * np.exp(self.mu * log_w)
+        return self.filtered(self.kp + integral + derivative, 1j * np.exp(log_w))
+
+    def filtered(self, controller: Complex, s: Complex) -> Complex:
+        """C F from C at the same s."""
+        if self.is_plain or not self._filter_order:
+            return np.asarray(controller)
+        slow = sum(
+            part * s**power for power, part in enumerate(filter_coefficients(self._filter_order, self.filter_time))
+        )
+        return np.asarray(controller / slow)
+
+
 class ResponseGrid:
-    """Responses to a unit setpoint step on evenly spaced instants.
+    """Responses to a unit step of the setpoint or of a load on evenly spaced instants.
 
     Parameters
     ----------
@@ -34,6 +71,8 @@ class ResponseGrid:
         Number of steps up to there; a power of two is fastest.
     speed : float
         About the loop's crossover [rad/s], for the reference.
+    filter_order : int
+        Of the filter of the measurement.
 
     Examples
     --------
@@ -44,33 +83,55 @@ class ResponseGrid:
     True
     """
 
-    def __init__(self, process: Process, horizon: float, points: int, speed: float) -> None:
+    def __init__(self, process: Process, horizon: float, points: int, speed: float, filter_order: int = 0) -> None:
         self.time = np.linspace(0.0, horizon, points + 1)
         period = 2.0 * horizon
-        s = DAMPING / period + 2j * math.pi / period * np.arange(points + 1)
-        self._s, self._log_s, self._p = s, np.log(s), process(s)
+        s: Complex = np.asarray(DAMPING / period + 2j * math.pi / period * np.arange(points + 1))
+        self._s = s
+        self._log_s, self._p = np.log(s), process(s)
+        self._filter_order = filter_order
         self._reference = 1.0 / (s * (1.0 + s / speed) ** 4)
         self._rise = np.exp(DAMPING / period * self.time) * (2 * points / period)
         x = speed * self.time
         self._reference_error = np.exp(-x) * (1.0 + x + x**2 / 2.0 + x**3 / 6.0)
-        self._final_control = 0.0 if process.integrating_order > 0 else 1.0 / process.steady_state_gain
+        self._inverse_gain = 0.0 if process.integrating_order > 0 else 1.0 / process.steady_state_gain
         self._taper = _taper(points + 1)
 
-    def errors(self, gains: Real) -> Real:
-        """Setpoint minus output, shape (n, points + 1), for rows (kp, ki, kd, lam, mu)."""
-        loop = self._p * self._controller(gains)
-        return self._reference_error - self._in_time(loop / (self._s * (1.0 + loop)) - self._reference)
+    def errors(self, gains: Real, parts: Parts | None = None) -> Real:
+        """Setpoint minus output, shape (n, points + 1), for rows of variables; with ``parts`` known it is quicker."""
+        forward, loop = parts or self.parts(gains)
+        return self._reference_error - self._in_time(self._p * forward / (self._s * (1.0 + loop)) - self._reference)
+
+    def load_errors(self, gains: Real, parts: Parts | None = None) -> Real:
+        """The same after a unit step that adds to the control."""
+        loop = (parts or self.parts(gains))[1]
+        final = self._final_of_load(gains)
+        moving = self._p / (self._s * (1.0 + loop)) - final * self._reference
+        return -final * (1.0 - self._reference_error) - self._in_time(moving)
 
     def controls(self, gains: Real) -> Real:
         """The control of the ideal controller, shape (n, points + 1); its first few instants are smoothed."""
-        controller = self._controller(gains)
-        settled = self._final_control
-        moving = controller / (self._s * (1.0 + self._p * controller)) - settled * self._reference
+        forward, loop = self.parts(gains)
+        settled = self._inverse_gain
+        moving = forward / (self._s * (1.0 + loop)) - settled * self._reference
         return settled * (1.0 - self._reference_error) + self._in_time(moving * self._taper)
 
-    def _controller(self, gains: Real) -> Complex:
-        kp, ki, kd, lam, mu = gains.T[..., None]
-        return np.asarray(kp + ki * self._powers(-lam[:, 0]) + kd * self._powers(mu[:, 0]))
+    def _final_of_load(self, gains: Real) -> Real:
+        """What a load leaves without integral action, shape (n, 1)."""
+        kp, ki = gains[:, :1], gains[:, 1:2]
+        stiffness = self._inverse_gain + kp
+        return np.where((ki == 0.0) & (stiffness != 0.0), 1.0 / np.where(stiffness, stiffness, 1.0), 0.0)
+
+    def parts(self, gains: Real) -> Parts:
+        """What the setpoint goes through to the control, and the loop L."""
+        v = Variables(gains, self._filter_order)
+        integral = v.ki * self._powers(-gains[:, 3])
+        derivative = v.kd * self._powers(gains[:, 4])
+        controller = v.kp + integral + derivative
+        if v.is_plain:
+            return np.asarray(controller), np.asarray(self._p * controller)
+        loop = self._p * v.filtered(np.asarray(controller, dtype=np.complex128), self._s)
+        return np.asarray(v.b * v.kp + integral + v.c * derivative), np.asarray(loop)
 
     def _powers(self, orders: Real) -> Complex:
         """s^order, shape (n, points + 1), each different order worked out once: most of the time goes here."""

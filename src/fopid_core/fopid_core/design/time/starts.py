@@ -3,31 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fopid_core.design.specification import NUMBERS
+from fopid_core.design.specification import NUMBERS, STRUCTURES
 from fopid_core.design.time.problem import TimeProblem
-from fopid_core.model.stability import stable_mask
 
 Real = NDArray[np.float64]
 
-STRUCTURES: Mapping[str, Mapping[str, float]] = {
-    "p": {"ki": 0.0, "kd": 0.0, "lam": 1.0, "mu": 1.0},
-    "pi": {"kd": 0.0, "lam": 1.0, "mu": 1.0},
-    "pd": {"ki": 0.0, "lam": 1.0, "mu": 1.0},
-    "pid": {"lam": 1.0, "mu": 1.0},
-    "fopi": {"kd": 0.0, "mu": 1.0},
-    "fopd": {"ki": 0.0, "lam": 1.0},
-}
-"""The simpler controllers, by the numbers they keep. A search that begins from their optima is not beaten by them."""
 SHAPES, SHAPES_EACH = 72, 12
 """Controllers drawn to begin with, and for each structure; the latter do not depend on the seed."""
 IDLE_ORDERS = (0.4, 1.0)
 """Orders tried for a part that the structure does not have."""
+SLOW = (0.02, 0.5)
+"""Filter times drawn, in units of the process's time."""
 ROUGH, ROUGH_POINTS = 5, 16
 """Frequencies in a band, and time steps, where it is only to be seen which gains are about right."""
 FACTORS = np.geomspace(1e-2, 1e2, 25)
@@ -39,13 +30,13 @@ class Starts:
 
     Attributes
     ----------
-    drawn : ndarray, shape (n, 5)
-    structured : list of (TimeProblem, ndarray)
-        For each simpler structure the problem restricted to it and controllers for that, shape (m, 5).
+    drawn : ndarray, shape (n, variables)
+    structured : list of (str, TimeProblem, ndarray)
+        Each simpler structure: its name, the problem restricted to it and controllers for that, shape (m, variables).
     """
 
     drawn: Real
-    structured: list[tuple[TimeProblem, Real]]
+    structured: list[tuple[str, TimeProblem, Real]]
 
 
 def starts(problem: TimeProblem, seed: int) -> Starts:
@@ -54,37 +45,37 @@ def starts(problem: TimeProblem, seed: int) -> Starts:
     Examples
     --------
     >>> from fopid_core.design.time.objectives import Objective
-    >>> from fopid_core.design.time.problem import TimeSpecification
+    >>> from fopid_core.design.time.specification import TimeSpecification
     >>> from fopid_core.model.process import read_process
     >>> specification = TimeSpecification(Objective.of("itae", {}), horizon=50.0, ms_max=1.6, u_max=20.0)
     >>> len(starts(TimeProblem(read_process("P1"), specification), seed=0).structured)
     6
     """
     simpler = simpler_problems(problem)
-    shapes = [_shapes(problem, SHAPES, seed), *(_shapes(other, SHAPES_EACH, seed=0) for other in simpler)]
+    shapes = [_shapes(problem, SHAPES, seed), *(_shapes(other, SHAPES_EACH, seed=0) for _, other in simpler)]
     owner = np.repeat(np.arange(len(shapes)), [len(rows) for rows in shapes])
     rows, origin = _on_the_bounds(problem, np.concatenate(shapes))
-    stable = stable_mask(problem.process, rows)
+    stable = problem.stable(rows)
     rows, owner = rows[stable], owner[origin[stable]]
-    return Starts(rows[owner == 0], [(other, rows[owner == i + 1]) for i, other in enumerate(simpler)])
+    return Starts(rows[owner == 0], [(name, other, rows[owner == i + 1]) for i, (name, other) in enumerate(simpler)])
 
 
-def simpler_problems(problem: TimeProblem) -> list[TimeProblem]:
+def simpler_problems(problem: TimeProblem) -> list[tuple[str, TimeProblem]]:
     """The problem restricted to each simpler structure that its box contains and that is not the problem itself."""
     others = []
-    for numbers in STRUCTURES.values():
+    for name, numbers in STRUCTURES.items():
         low, high = problem.box.T
-        kept = [NUMBERS.index(name) for name in numbers]
+        kept = [NUMBERS.index(number) for number in numbers]
         other = problem.restricted(numbers)
         absent = [row for row in kept if row < 3]
         possible = all(low[row] <= 0.0 <= high[row] for row in absent)
         if possible and 0 < len(other.free) < len(problem.free):
-            others.append(other)
+            others.append((name, other))
     return others
 
 
 def with_idle_orders(problem: TimeProblem, gains: Real) -> Real:
-    """The same controller with different orders of the part whose gain is zero, shape (n, 5)."""
+    """The same controller with different orders of the part whose gain is zero, shape (n, variables)."""
     rows = [gains]
     for gain, order in ((1, 3), (2, 4)):
         if gains[gain] == 0.0 and gain in problem.free and order in problem.free:
@@ -106,8 +97,11 @@ def _shapes(problem: TimeProblem, number: int, seed: int) -> Real:
     orders = rng.uniform([0.7, 0.3], [1.4, 1.7], size=(number, 2))
     orders[: number // 4] = [1.0, 0.95]
     parts *= problem.scale[:3] * math.copysign(1.0, problem.gain)
-    low, high = problem.box.T
-    return np.asarray(np.clip(np.concatenate([parts, orders], axis=1), low, high))
+    rows = np.concatenate([parts, orders], axis=1)
+    if len(problem.variables) > len(NUMBERS):
+        slow = SLOW[0] * (SLOW[1] / SLOW[0]) ** rng.uniform(size=number) / problem.speed
+        rows = np.column_stack([rows, slow, rng.uniform(size=(number, 2))])
+    return np.asarray(np.clip(rows, *problem.box.T))
 
 
 def _on_the_bounds(problem: TimeProblem, shapes: Real) -> tuple[Real, NDArray[np.intp]]:
@@ -120,7 +114,7 @@ def _on_the_bounds(problem: TimeProblem, shapes: Real) -> tuple[Real, NDArray[np
     tried[:, :, :3] *= FACTORS[:, None]
     tried = np.clip(tried, *problem.box.T)
     rough = problem.changed(points=ROUGH_POINTS, density=ROUGH, watched=())
-    worst = rough.slack(tried.reshape(-1, 5)).min(axis=1).reshape(len(shapes), -1)
+    worst = rough.slack(tried.reshape(-1, shapes.shape[1])).min(axis=1).reshape(len(shapes), -1)
     fits = worst >= 0.0
     largest = fits.shape[1] - 1 - fits[:, ::-1].argmax(axis=1)
     largest = np.where(fits.any(axis=1), largest, worst.argmax(axis=1))

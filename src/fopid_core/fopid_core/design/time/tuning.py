@@ -9,24 +9,26 @@ by the argument principle on the process itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fopid_core.design.specification import Expired, Progress, no_progress
+from fopid_core.design.time.bands import around
+from fopid_core.design.time.evolution import evolved
 from fopid_core.design.time.gauss_newton import Descent, begin, descend, fresh
 from fopid_core.design.time.nelder_mead import simplex_search
-from fopid_core.design.time.problem import TimeProblem, TimeSpecification, around
+from fopid_core.design.time.problem import TimeProblem
+from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.starts import Starts, starts, with_idle_orders
 from fopid_core.design.verification import EXACT
 from fopid_core.model.fopid import Fopid
-from fopid_core.model.loop import Loop
 from fopid_core.model.loop_peaks import LoopPeaks
 from fopid_core.model.peaks import Band, Peak
 from fopid_core.model.process import Process
-from fopid_core.model.stability import stable_mask
+from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
 
 Real = NDArray[np.float64]
 
@@ -66,6 +68,10 @@ class TimeDesign:
         Number of controllers looked at.
     at_edge : tuple of str
         Free numbers that end on the edge of their range.
+    filter, weights
+        Of the measurement and of the setpoint.
+    simpler : mapping
+        What the best controllers of simpler structures cost, roughly, bounds that they break included.
     """
 
     controller: Fopid
@@ -77,6 +83,9 @@ class TimeDesign:
     final_error: float
     evaluations: int
     at_edge: tuple[str, ...]
+    filter: MeasurementFilter = NO_FILTER
+    weights: SetpointWeights = WHOLE_SETPOINT
+    simpler: Mapping[str, float] = field(default_factory=dict)
 
 
 def tune_time(
@@ -97,8 +106,8 @@ def tune_time(
     start : Fopid, optional
         A further point to begin from.
     solver : str
-        ``gauss-newton``, or ``nelder-mead`` from perturbed starts as in the paper, which also ends every search for an
-        objective that is not an integral.
+        ``gauss-newton``; ``nelder-mead`` from perturbed starts as in the paper, which also ends every search for an
+        objective that is not an integral; or ``differential-evolution``, from nothing but the box.
     seed : int
         Of the starts; the same seed gives the same answer.
     progress, expired : callable, optional
@@ -120,19 +129,19 @@ def tune_time(
     """
     search = _Search(process, specification, solver, seed, progress or no_progress, expired or (lambda: False))
     problem = TimeProblem(process, specification)
-    found = search.run(problem, _first_rows(start))
+    found = search.run(problem, _first_rows(problem, start))
     while found:
         better = _better_problem(problem, found[0])
         if better is None or search.expired():
-            return _answer(problem, found[0], search.evaluations)
+            return replace(_answer(problem, found[0], search.evaluations), simpler=search.simpler)
         polish_only = better.watch_control == problem.watch_control
         problem = better
         found = search.run(problem, np.array([descent.gains for descent in found]), polish_only)
     return None
 
 
-def _first_rows(start: Fopid | None) -> Real:
-    return np.zeros((0, 5)) if start is None else np.array([start.gains])
+def _first_rows(problem: TimeProblem, start: Fopid | None) -> Real:
+    return np.zeros((0, len(problem.variables))) if start is None else problem.row(start.gains)
 
 
 def _better_problem(problem: TimeProblem, found: Descent) -> TimeProblem | None:
@@ -152,9 +161,10 @@ def _better_problem(problem: TimeProblem, found: Descent) -> TimeProblem | None:
 def _peaks_above(problem: TimeProblem, found: Descent) -> tuple[float, ...]:
     """Frequencies, as ln w, around exact peaks that are above what the problem's grids show and allow."""
     bounds, gains = problem.specification, found.gains[None]
-    peaks = LoopPeaks(Loop(problem.process, Fopid(*found.gains)))
+    peaks = LoopPeaks(problem.loop(found.gains))
     seen = (
         (bounds.ms_max, problem.ms, peaks.sensitivity, (0.0, math.inf)),
+        (bounds.mt_max, problem.mt, peaks.complementary, (0.0, math.inf)),
         (bounds.noise_max, problem.noise_gain, peaks.noise_gain, (0.0, math.pi / bounds.sample_time)),
     )
     places: list[float] = []
@@ -178,9 +188,9 @@ def _around(exact: Callable[[Band], Peak], peak: Peak) -> tuple[float, ...]:
 
 
 def _answer(problem: TimeProblem, found: Descent, evaluations: int) -> TimeDesign:
-    gains = found.gains[None]
+    gains, loop = found.gains[None], problem.loop(found.gains)
     return TimeDesign(
-        controller=Fopid(*(float(number) for number in found.gains)),
+        controller=loop.controller,
         met=found.slack >= 0.0,
         cost=found.cost,
         ms=float(problem.ms(gains)[0]),
@@ -189,6 +199,8 @@ def _answer(problem: TimeProblem, found: Descent, evaluations: int) -> TimeDesig
         final_error=problem.final_error(gains[0]),
         evaluations=evaluations,
         at_edge=problem.at_edge(found.gains),
+        filter=loop.filter,
+        weights=loop.weights,
     )
 
 
@@ -207,29 +219,36 @@ class _Search:
         self.process, self.specification, self.solver = process, specification, solver
         self.seed, self.expired = seed, expired
         self.evaluations = 0
+        self.simpler: dict[str, float] = {}
         self._report, self._share = report, 0.0
 
     def run(self, problem: TimeProblem, rows: Real, polish_only: bool = False) -> list[Descent]:
         """The best stable designs found from some rows of gains and, unless polishing, from many others."""
         rows = np.clip(rows, *problem.box.T)
-        begun = begin(problem, rows[stable_mask(self.process, rows)]) if len(rows) else []
-        if not polish_only:
+        begun = begin(problem, rows[problem.stable(rows)]) if len(rows) else []
+        stochastic = self.solver == "differential-evolution" and not polish_only
+        if stochastic:
+            begun += evolved(problem, self.seed, self.expired)
+        elif not polish_only:
             others = starts(problem, self.seed)
             drawn = begin(problem, others.drawn) if len(others.drawn) else []
             begun += sorted(drawn, key=_merit)[:BEGUN] + self._simpler_optima(problem, others)
         if not begun:
             return []
-        by_simplex = self.solver == "nelder-mead" or not self.specification.objective.is_integral
-        ended = self._simplex(problem, begun) if by_simplex else self._descend(problem, begun, polish_only)
+        ended = begun if stochastic else self._ended(problem, begun, polish_only)
         self.evaluations += problem.evaluations
         ended = sorted([*ended, *begun], key=_merit)
-        stable = stable_mask(self.process, np.array([descent.gains for descent in ended]))
+        stable = problem.stable(np.array([descent.gains for descent in ended]))
         return _different([descent for descent, holds in zip(ended, stable, strict=True) if holds])
+
+    def _ended(self, problem: TimeProblem, begun: list[Descent], polish_only: bool) -> list[Descent]:
+        by_simplex = self.solver == "nelder-mead" or not self.specification.objective.is_integral
+        return self._simplex(problem, begun) if by_simplex else self._descend(problem, begun, polish_only)
 
     def _simpler_optima(self, problem: TimeProblem, others: Starts) -> list[Descent]:
         """The best controllers of each simpler structure, as starts for the whole problem."""
         found: list[Descent] = []
-        for i, (simpler, rows) in enumerate(others.structured):
+        for i, (name, simpler, rows) in enumerate(others.structured):
             self.report(0.05 + 0.3 * i / len(others.structured), "descending in simpler structures")
             begun = sorted(begin(simpler, rows), key=_merit)[:BEGUN_EACH] if len(rows) else []
             if self.specification.objective.is_integral:
@@ -238,9 +257,10 @@ class _Search:
                 begun = [descend(simpler, descent, LAST_STEPS, expired=self.expired) for descent in begun]
             if begun:
                 best = min(begun, key=_merit)
+                self.simpler[name] = best.merit
                 found += [replace(fresh(best), gains=row) for row in with_idle_orders(problem, best.gains)]
             self.evaluations += simpler.evaluations
-        return [d for d in found if stable_mask(self.process, d.gains[None])[0]]
+        return [d for d in found if problem.stable(d.gains[None])[0]]
 
     def report(self, share: float, what: str) -> None:
         """Say what is being done; a second round on finer grids does not take the share back."""

@@ -14,8 +14,9 @@ from fopid_core.design.frequency.tuning import tune_frequency
 from fopid_core.design.reduction import reduce_all
 from fopid_core.design.specification import Bound, FrequencySpecification
 from fopid_core.design.time.objectives import Objective
-from fopid_core.design.time.problem import TimeProblem, TimeSpecification
+from fopid_core.design.time.problem import TimeProblem
 from fopid_core.design.time.search_response import ResponseGrid
+from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.tuning import tune_time
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.indices import indices

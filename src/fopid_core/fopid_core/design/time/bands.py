@@ -1,0 +1,49 @@
+"""The least value in each band of a grid: smooth in the gains where their minimum over all of it is not."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+AROUND = np.array([-0.4, -0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2, 0.4])
+"""Where a peak is looked at, in units of its width."""
+
+
+def log_size(values: Complex) -> Real:
+    """The logarithm of the absolute value."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(0.5 * np.log(values.real**2 + values.imag**2))
+
+
+def least_in_bands(values: Real, position: Real, bands: int) -> Real:
+    """The least value in each of some bands along the second axis, between points by a parabola, shape (n, bands).
+
+    Examples
+    --------
+    >>> x = np.linspace(-1.0, 1.5, 11)
+    >>> least_in_bands((x[None] - 0.1) ** 2, x, 1).round(12).tolist()
+    [[0.0]]
+    """
+    edges = np.linspace(0, values.shape[1], bands + 1).astype(int)
+    columns = [first + values[:, first:last].argmin(axis=1) for first, last in itertools.pairwise(edges.tolist())]
+    least = np.stack(columns, axis=1)
+    rows, at = np.arange(len(values))[:, None], np.clip(least, 1, values.shape[1] - 2)
+    before, here, after = values[rows, at - 1], values[rows, at], values[rows, at + 1]
+    left, right = position[at] - position[at - 1], position[at + 1] - position[at]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fall, rise = (before - here) / left, (after - here) / right
+        bend = (fall + rise) / (left + right)
+        slope = (rise * left - fall * right) / (left + right)
+        bottom = here - 0.25 * slope**2 / bend
+    lowest = (at == least) & (fall >= 0.0) & (rise >= 0.0) & np.isfinite(bottom)
+    return np.asarray(np.where(lowest, bottom, values[rows, least]))
+
+
+def around(peak: float, width: float) -> tuple[float, ...]:
+    """Where to look at a peak of so much width, as ln w."""
+    return tuple((peak + width * AROUND).tolist())
