@@ -202,12 +202,8 @@ class FopidController:
             self._before = state.proportional + state.derivative + state.feedforward
         state.setpoint, state.measurement, state.feedforward = setpoint, measurement, feedforward
         self._manual = manual
-        if self._filter is not None:
-            if self._held:
-                self._filter.rest_at(measurement)
-            measurement = self._filter.push(measurement)
-        self._filtered = measurement
-        return self._advance(setpoint, measurement, last - self._implied_control, tracking is not None)
+        self._filtered = measurement if self._filter is None else self._behind_filter(self._filter, measurement)
+        return self._advance(setpoint, self._filtered, last - self._implied_control, tracking is not None)
 
     def finish(self, integral: float, derivative: float) -> float:
         """The second half of ``step``: the control from what the operators have become."""
@@ -305,6 +301,12 @@ class FopidController:
         elif kept is None or kept.wanted != (wanted, settings.sample_time):
             self._filter = RunningFilter(wanted, settings.sample_time)
             self._filter.rest_at(self._filtered)
+
+    def _behind_filter(self, slow: RunningFilter, measurement: float) -> float:
+        """The measurement behind its filter, which begins anew after a hold."""
+        if self._held:
+            slow.rest_at(measurement)
+        return slow.push(measurement)
 
     def _start(self, measurement: float, control: float) -> None:
         self._started = True
