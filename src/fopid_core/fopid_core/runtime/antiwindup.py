@@ -19,6 +19,7 @@ import numpy as np
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.filter_bank import Vector
 from fopid_core.runtime.operators import Operators
+from fopid_core.runtime.settings import ControllerSettings
 
 _LOUDEST = 3.0  # echo of an excess, ticks later; of a derivative above 1 the next tick alone brings up to 2
 _FIRST_TICKS = 64  # in which an echo that dies away is loudest
@@ -32,6 +33,13 @@ def direct_feedthrough(operators: Operators, gains: Fopid) -> float:
     return float(gain) if abs(gain) >= least else math.copysign(least, gains.ki)
 
 
+def setpoint_feedthrough(operators: Operators, settings: ControllerSettings) -> float:
+    """Control per unit of setpoint at the same tick."""
+    gains, matrix = settings.gains, operators.matrix
+    derivative = gains.kd * settings.derivative_setpoint_weight * matrix[-1, -1]
+    return float(gains.kp * settings.setpoint_weight + gains.ki * matrix[-2, -2] + derivative)
+
+
 def conditioning(operators: Operators, gains: Fopid) -> Vector | None:
     """What a unit of limited less unlimited control adds to what is remembered, shape (size,).
 
@@ -40,7 +48,7 @@ def conditioning(operators: Operators, gains: Fopid) -> Vector | None:
     n, matrix, gain = operators.size, operators.matrix, direct_feedthrough(operators, gains)
     if gains.ki == 0.0:
         return None
-    of_error = np.asarray((matrix[:n, -2] + matrix[:n, -1]) / gain)
+    of_error = operators.of_error / gain
     return of_error if _is_stable(operators, gains, matrix[:, :n] @ of_error) else None
 
 

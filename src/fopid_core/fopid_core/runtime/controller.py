@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from fopid_core.errors import InputError
-from fopid_core.runtime.antiwindup import conditioning, direct_feedthrough, tracking_gain
+from fopid_core.runtime.antiwindup import conditioning, direct_feedthrough, setpoint_feedthrough, tracking_gain
 from fopid_core.runtime.filter_bank import Band, derivative_weights, integral_weights
 from fopid_core.runtime.measurement_filter import RunningFilter
 from fopid_core.runtime.operators import Operators
+from fopid_core.runtime.reading import Reading
 from fopid_core.runtime.settings import LARGEST, LOWEST, AntiWindup, ControllerSettings, with_gains
 
 __all__ = ["AntiWindup", "ControllerSettings", "ControllerState", "FopidController", "Mode", "with_gains"]
@@ -61,6 +62,12 @@ class FopidController:
     ----------
     settings : ControllerSettings
 
+    Attributes
+    ----------
+    state : ControllerState
+    setpoint_feedthrough : float
+        Control per unit of setpoint at the same tick.
+
     Examples
     --------
     >>> from fopid_core.model.fopid import Fopid
@@ -88,6 +95,11 @@ class FopidController:
         """The settings in force."""
         return self._settings
 
+    @property
+    def holds(self) -> bool:
+        """Whether the last tick was without usable inputs."""
+        return self._held
+
     def reset(self) -> None:
         """Forget the past: as new, with the same settings and mode."""
         self._operators.reset()
@@ -109,18 +121,51 @@ class FopidController:
         have moved it by; without, it goes to where such a controller would have been.
         """
         state, before = self.state, self._settings
-        if self._conditioned and settings.gains != before.gains:
-            self._operators.correct(self._windup_excess(state.control - self._implied_control))
-            self._implied_control = state.control
-            self._read(*self._operators.read())
-        old = state.proportional + state.integral + state.derivative
+        old = self._settle() if settings.gains != before.gains else self._parts
         self._install(settings)
         # A new weight must not look like a jump of the differentiated signal.
         new_weight = settings.derivative_setpoint_weight - before.derivative_setpoint_weight
         self._shift += new_weight * (state.setpoint - self._origin)
-        self._read(*self._operators.read())
-        if settings.bumpless:
-            self._shift_bias(old - state.proportional - state.integral - state.derivative)
+        self._go_on_from(old)
+
+    @property
+    def reading(self) -> Reading:
+        """What the gains in force come to, for a schedule."""
+        settings, operators = self._settings, self._operators
+        gains = settings.gains
+        return Reading(
+            kp=gains.kp,
+            ki=gains.ki,
+            weights=operators.weights * [[gains.ki], [gains.kd]],
+            feedthrough=direct_feedthrough(operators, gains),
+            setpoint_feedthrough=self.setpoint_feedthrough,
+            tracking_gain=self._tracking_gain,
+            conditioned=self._conditioned,
+        )
+
+    def read_as(self, reading: Reading, *, conditioned: bool) -> None:
+        """Go on with other gains, given as a reading of the same bank; as ``reconfigure``, without its work.
+
+        Parameters
+        ----------
+        reading : Reading
+        conditioned : bool
+            Whether all that is remembered takes in what was limited, or the integral alone.
+        """
+        old = self._settle()
+        operators = self._operators
+        operators.set_reading(reading.weights)
+        if conditioned:
+            operators.set_correction(operators.of_error / reading.feedthrough)
+        self._kp, self._ki, self._kd = reading.kp, 1.0, 1.0
+        self._integrates = reading.ki != 0.0
+        self.setpoint_feedthrough, self._tracking_gain = reading.setpoint_feedthrough, reading.tracking_gain
+        self._conditioned, self._direction = conditioned, reading.feedthrough if conditioned else reading.ki
+        self._go_on_from(old)
+
+    def fade_bias(self, share: float) -> None:
+        """Give up a share of what bumpless changes have left behind: without an integral nothing else takes it back."""
+        self._shift_bias(-share * (self._bias - self._owed))
 
     def set_mode(self, mode: Mode) -> None:
         """Switch between automatic and manual; the control signal does not jump."""
@@ -260,6 +305,30 @@ class FopidController:
         self._ticks_to_pay += 1
         return held
 
+    @property
+    def _parts(self) -> float:
+        """The control without the feedforward."""
+        return self.state.proportional + self.state.integral + self.state.derivative
+
+    def _settle(self) -> float:
+        """Before other gains: take in what was limited by the old ones; give the parts as they are then.
+
+        Those of the realisable error: what the error asked for beyond it never was control, and must not become it.
+        """
+        if self._conditioned:
+            taken = self._windup_excess(self.state.control - self._implied_control)
+            self._operators.correct(taken)
+            self.state.error += taken / self._direction
+            self._implied_control = self.state.control
+            self._read(*self._operators.read())
+        return self._parts
+
+    def _go_on_from(self, old: float) -> None:
+        """Read anew; where changes are bumpless, the integral takes up the step."""
+        self._read(*self._operators.read())
+        if self._settings.bumpless:
+            self._shift_bias(old - self._parts)
+
     def _install(self, settings: ControllerSettings) -> None:
         """Work out what every tick needs."""
         self._settings, gains, band = settings, settings.gains, settings.active_band
@@ -275,6 +344,7 @@ class FopidController:
         self._provide_filter(settings)
         self._deadband, self._derivative_weight = settings.deadband, settings.derivative_setpoint_weight
         self._wraps = settings.angle_wraparound
+        self.setpoint_feedthrough = setpoint_feedthrough(operators, settings)
         correction = None if settings.tracking_time else conditioning(operators, gains)
         self._conditioned = correction is not None
         if correction is not None:

@@ -44,6 +44,10 @@ class Operators:
         The first ``size`` rows carry on what is remembered.
     integrated : int
         How much of what is remembered is of the integrated signal; it comes first.
+    weights : ndarray, shape (2, size)
+        By which integral and derivative are read.
+    of_error : ndarray, shape (size,)
+        What a unit of error, in both signals, adds to what is remembered.
 
     Examples
     --------
@@ -64,7 +68,8 @@ class Operators:
         self.matrix[:n, :n], self.matrix[:n, -2] = integral[:, :n], integral[:, n]
         self.matrix[n:-3, n:-3], self.matrix[n:-3, -1] = derivative[:, :m], derivative[:, m]
         self._multiply: Callable[[Vector, Vector], object] = self.matrix.dot
-        self._weights = np.zeros((2, n + m))
+        self.weights = np.zeros((2, n + m))
+        self.of_error: Vector = self.matrix[:-3, -2] + self.matrix[:-3, -1]
         self._correction = np.zeros(n + m)
         self._now, self._next = np.zeros(n + m + 3), np.zeros(n + m + 3)
         self._outputs, self._next_outputs = self._now[-2:], self._next[-2:]
@@ -95,10 +100,15 @@ class Operators:
 
     def set_weights(self, integral: IntegralWeights, derivative: DerivativeWeights) -> None:
         """Read by these from now on; what is remembered stays."""
-        n = self.integrated
-        self._weights[0, :n] = [*integral.lags, integral.integrator, integral.direct]
-        self._weights[1, n:-1] = [*derivative.washouts, derivative.direct, derivative.slope, derivative.curvature]
-        self.matrix[-2:] = self._weights @ self.matrix[: self.size]
+        n, weights = self.integrated, np.zeros_like(self.weights)
+        weights[0, :n] = [*integral.lags, integral.integrator, integral.direct]
+        weights[1, n:-1] = [*derivative.washouts, derivative.direct, derivative.slope, derivative.curvature]
+        self.set_reading(weights)
+
+    def set_reading(self, weights: Matrix) -> None:
+        """Read by these from now on, shape (2, size): the weights of all that is remembered."""
+        self.weights = weights
+        self.matrix[-2:] = weights @ self.matrix[: self.size]
 
     def set_correction(self, correction: Vector) -> None:
         """What a unit of correction adds to what is remembered, shape (size,)."""
@@ -107,7 +117,7 @@ class Operators:
 
     def read(self) -> list[float]:
         """Integral and derivative now."""
-        return (self._weights @ self._now[: self.size]).tolist()  # type: ignore[no-any-return]
+        return (self.weights @ self._now[: self.size]).tolist()  # type: ignore[no-any-return]
 
     def correct(self, amount: float) -> None:
         """Correct what is remembered, without a tick."""
@@ -131,7 +141,7 @@ class Operators:
         """What the integral is one sample after a unit step."""
         n = self.integrated
         held = self.matrix[:n, n - 1] + self.matrix[:n, -2]
-        return float(self._weights[0, :n] @ held)
+        return float(self.weights[0, :n] @ held)
 
     def _sweep(self) -> None:
         """What has decayed to nothing becomes zero: numbers near 1e-308 would slow every product down."""

@@ -79,6 +79,7 @@ class LoopInputs:
         self.tracking = Input("tracking")
         self.all = (self.setpoint, self.measurement, self.feedforward, self.manual, self.tracking)
         self.setpoint.received_ns = now()
+        self._tracking_required = bool(values["tracking.required"])
         self._newest_stamp: int | None = None
         self._pending: list[tuple[Input, PendingValues]] = []
         self._subscriptions: list[Subscription] = []
@@ -195,7 +196,8 @@ class LoopInputs:
 
     def unusable(self, now_ns: int, mode: str) -> list[Input]:
         """The inputs without which the control cannot be worked out, and that are too old or have never come."""
-        found = [one for one in (self.setpoint, self.measurement) if not one.usable(now_ns)]
+        required = (self.setpoint, self.measurement, *([self.tracking] if self._tracking_required else []))
+        found = [one for one in required if not one.usable(now_ns)]
         if mode == "manual" and not self.manual.missing and not self.manual.usable(now_ns):
             found.append(self.manual)
         return found
@@ -203,7 +205,7 @@ class LoopInputs:
     def dropped(self, now_ns: int) -> list[Input]:
         """The inputs that the loop does without since they are too old."""
         added = [self.feedforward] if self.feedforward.value and self.feedforward.stale(now_ns) else []
-        return added + ([self.tracking] if self.tracking.stale(now_ns) else [])
+        return added + ([self.tracking] if self.tracking.stale(now_ns) and not self._tracking_required else [])
 
     def facts(self, now_ns: int) -> dict[str, object]:
         """What the diagnostics tell of them."""

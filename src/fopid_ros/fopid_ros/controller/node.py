@@ -35,6 +35,7 @@ from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos,
 from fopid_ros.common.parameter_file import write_parameter_file
 from fopid_ros.common.parameters import converted
 from fopid_ros.common.signals import SignalType, header_stamp
+from fopid_ros.controller.cascade import CascadeLink, check_cascade
 from fopid_ros.controller.gain_memory import GainMemory
 from fopid_ros.controller.inputs import LoopInputs
 from fopid_ros.controller.parameters import (
@@ -80,6 +81,7 @@ class ControllerNode(ManagedNode):
         controller_settings(values, signal_types(values)["control"])
         initial_setpoint(values)
         check_timeouts(values)
+        check_cascade(values)
         check_file_name(values)
         check_provenance(values)
 
@@ -121,6 +123,7 @@ class ControllerNode(ManagedNode):
     def _open_topics(self, types: dict[str, SignalType]) -> None:
         lockstep, endpoints = self._lockstep, self.endpoints
         self._inputs.listen(tracking=self._values["tracking.enabled"])
+        self._cascade = CascadeLink(endpoints, self._values, self._inputs.tracking)
         endpoints.subscription(
             types["measurement"].message_type, "measurement",
             self.guard.wrap("tick", self._lockstep_tick, self._fail_safe) if lockstep
@@ -251,13 +254,15 @@ class ControllerNode(ManagedNode):
         unusable, dropped = inputs.unusable(now_ns, mode), inputs.dropped(now_ns)
         if (unusable, dropped) != (self._unusable, self._dropped):
             self._log_input_state(unusable, dropped)
-        control = self._fallback_control(now_ns) if unusable or self._contested else self._step(now_ns)
+        steps = not (unusable or self._contested)
+        control = self._step(now_ns) if steps else self._fallback_control(now_ns)
         state = self._controller.state
         if not is_number(control):
             control = self._recover_from_nonfinite(control)
         self._control = control
         self._statistics.tick(self._interval, saturated=state.saturated, stale=bool(unusable))
         self.publish_control(control, stamp_ns)
+        self._cascade.tell(self._controller, None if steps else inputs.measurement.value, control, stamp_ns)
         told = state.mode == "manual" or not (unusable and self._awaiting_first_input)
         if told and self._state_is_due(now_ns):
             self._publish_state(stamp_ns, now_ns, state)
@@ -270,7 +275,7 @@ class ControllerNode(ManagedNode):
         return controller.step(
             inputs.setpoint.value, inputs.measurement.value, inputs.feedforward.faded(now_ns),
             controller.state.control if manual.missing else manual.value,
-            inputs.tracking.value if inputs.tracking.usable(now_ns) else None,
+            self._cascade.limit(now_ns, controller.state.control),
         )  # fmt: skip
 
     def _fallback_control(self, now_ns: int) -> float:

@@ -15,6 +15,7 @@ from fopid_ros.common.inputs import is_number
 from fopid_ros.common.managed_node import TIMING
 from fopid_ros.common.parameters import Spec
 from fopid_ros.common.signals import SignalType, signal_specs, signal_type
+from fopid_ros.controller.cascade import CASCADE_SPECS
 from fopid_ros.controller.inputs import AUTOMATIC, SHORTEST_FEEDFORWARD_TIMEOUT, SHORTEST_TIMEOUT, TICKS_MISSED
 
 SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "tracking", "control")
@@ -51,6 +52,7 @@ SPECS = (
     Spec("tracking_time", 0.0, "how fast back-calculation takes the integral back [s]; 0 chooses", 0.0, 1e9),
     Spec("tracking.enabled", False, "take what the actuator did from the topic tracking; it ages like the measurement",
          at_configure=True),
+    *CASCADE_SPECS,
     Spec("bumpless", True, "on new gains the integral takes up the step between old and new reading"),
     Spec("measurement_timeout", AUTOMATIC, f"age at which the measurement is stale [s]; {_SIGNAL}", AUTOMATIC, 1e9),
     Spec("setpoint_timeout", 0.0, "age at which the setpoint is stale [s]; 0 for off: once set it holds", 0.0, 1e9),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler
@@ -50,13 +50,15 @@ def given(context: Any, name: str) -> str:
 
 
 def managed_node(
-    context: Any, executable: str, parameters: list[object], remappings: list[tuple[str, str]] | None = None
-) -> Any:
-    """One of this package's managed nodes, with the common arguments."""
+    context: Any, executable: str, parameters: list[object], remappings: Iterable[tuple[str, str]] = (),
+    namespace: str | None = None,
+) -> Any:  # fmt: skip
+    """One of this package's managed nodes, with the common arguments; in their namespace unless it has its own."""
     last = {name: given(context, name) == "true" for name in ("use_sim_time", "autostart")}
     return LifecycleNode(
-        package="fopid_ros", executable=executable, name=executable, namespace=given(context, "namespace"),
-        parameters=[*parameters, last], remappings=remappings, output="screen",
+        package="fopid_ros", executable=executable, name=executable,
+        namespace=given(context, "namespace") if namespace is None else namespace,
+        parameters=[*parameters, last], remappings=list(remappings), output="screen",
         ros_arguments=["--log-level", given(context, "log_level")],
     )  # fmt: skip
 
