@@ -69,6 +69,13 @@ coverage: venv ## Branches that the fast tests take, the nodes' processes includ
 	"$${report[@]}" --include='src/fopid_core/*' --fail-under=95; \
 	"$${report[@]}" --include='src/fopid_ros/*' --fail-under=90
 
+.PHONY: fuzz
+fuzz: venv ## Hand every reader many odd cases, guided by coverage [CASES=100000] [TARGETS=csv]
+	@"$(BIN)/uv" pip install --quiet --python "$(BIN)/python" atheris==3.0.0; \
+	for target in $(or $(TARGETS),text line experiment csv bag parameters request http); do \
+	  nice -n 19 "$(BIN)/python" -m tests.fuzzing.campaign $$target --cases $(or $(CASES),1000) 2>build/fuzz.log; \
+	done
+
 .PHONY: bench
 bench: venv ## Measure the performance figures, each beside its baseline, into docs/performance.md
 	@mkdir -p build

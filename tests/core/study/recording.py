@@ -99,12 +99,14 @@ class Recording:
         )
 
 
-def record_loop(recording: Recording, origin: float = 0.0, process: str = TEST_BENCH["P1"]) -> dict[str, np.ndarray]:
+def record_loop(
+    recording: Recording, origin: float = 0.0, process: str = TEST_BENCH["P1"], stretch: float = STRETCH
+) -> dict[str, np.ndarray]:
     """Step, tune by frequency and step, load step, tune in time and step; what was written is returned."""
     plant = Plant(PlantSettings(Process.parse(process), sample_time=SAMPLE_TIME))
     settings = ControllerSettings(START, sample_time=SAMPLE_TIME, control_min=-10.0, control_max=10.0)
     controller = FopidController(settings)
-    per_phase = round(STRETCH / SAMPLE_TIME)
+    per_phase = round(stretch / SAMPLE_TIME)
     setpoints, loads = (1.0, 2.0, 2.0, 3.0), (0.0, 0.0, -0.5, -0.5)
     names = ("starting gains", "tuned by frequency", "load disturbance", "tuned in time")
     tunings = {per_phase: ("frequency", BY_FREQUENCY), 3 * per_phase: ("time", IN_TIME)}

@@ -52,6 +52,7 @@ class Alone:
     def __init__(self) -> None:
         self.now_ns = 0
         self.told: list[str] = []
+        self.said: list[str] = []
         self.topics: dict[str, Any] = {}
         self.endpoints = self
 
@@ -59,7 +60,7 @@ class Alone:
         return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.now_ns))
 
     def get_logger(self) -> Any:
-        return SimpleNamespace(warning=lambda text, **_: self.told.append(text), info=lambda *_: None)
+        return SimpleNamespace(warning=lambda text, **_: self.told.append(text), info=self.said.append)
 
     def subscription(self, _kind: type, topic: str, callback: Any, _qos: Any) -> Any:
         self.topics[topic] = callback
@@ -69,14 +70,14 @@ class Alone:
 class Heard:
     """The inputs of a controller whose time the test moves."""
 
-    def __init__(self, **changed: Any) -> None:
-        self.node, self.counts, self.loop_ns = Alone(), TickCounts(), 0
+    def __init__(self, setpoint: float = math.nan, begin_ns: int = 0, **changed: Any) -> None:
+        self.node, self.counts, self.loop_ns = Alone(), TickCounts(), begin_ns
         types = dict.fromkeys(
             ("setpoint", "measurement", "feedforward", "manual_control", "tracking"),
             SignalType("fopid_msgs/msg/ScalarStamped", "value"),
         )
         node: Any = self.node
-        self.inputs = LoopInputs(node, {**VALUES, **changed}, types, self.counts, lambda: self.loop_ns, math.nan)
+        self.inputs = LoopInputs(node, {**VALUES, **changed}, types, self.counts, lambda: self.loop_ns, setpoint)
 
     def at(self, seconds: float) -> int:
         """Let both clocks stand there [s]; the same in [ns]."""
@@ -91,6 +92,40 @@ def message(value: float, stamp: float = 0.0) -> ScalarStamped:
     made = ScalarStamped(value=value)
     made.header.stamp.sec, made.header.stamp.nanosec = divmod(round(stamp * S), S)
     return made
+
+
+def test_what_is_there_at_the_start_is_new_then_and_an_addend_is_none() -> None:
+    heard = Heard(setpoint=2.0, begin_ns=9 * S, setpoint_timeout=1.0)
+    assert heard.inputs.setpoint.usable(10 * S)
+    assert not heard.inputs.setpoint.usable(10 * S + 1)
+    assert heard.inputs.feedforward.value == 0.0
+    assert heard.inputs.manual.missing
+
+
+def test_a_kept_setpoint_counts_until_one_is_sent_and_not_when_it_comes_from_the_future(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    kept: list[Any] = []
+    stopped: list[bool] = []
+
+    def keeps(_node: Any, _endpoints: Any, _kind: type, take: Any) -> Any:
+        kept.append(take)
+        return SimpleNamespace(stop=lambda: stopped.append(True))
+
+    monkeypatch.setattr("fopid_ros.controller.inputs.KeptSetpoint", keeps)
+    heard = Heard()
+    heard.at(5.0)
+    heard.inputs.listen(tracking=False)
+    (take,) = kept
+    take(message(3.0, stamp=9.0))
+    assert heard.inputs.setpoint.missing
+    take(message(3.0, stamp=4.0))
+    assert (heard.inputs.setpoint.value, heard.inputs.setpoint.received_ns) == (3.0, 5 * S)
+    assert heard.node.said == ["setpoint = 3, as its publisher has kept it"]
+    heard.node.topics["feedforward"](message(1.0))
+    assert not stopped
+    heard.node.topics["setpoint"](message(4.0))
+    assert stopped
 
 
 def test_a_measurement_is_usable_until_its_time_is_over_and_not_a_nanosecond_longer() -> None:
@@ -198,6 +233,15 @@ def test_an_addend_fades_in_a_straight_line_within_another_timeout() -> None:
     assert found == pytest.approx([0.8, 0.8, 0.6, 0.4, 0.0, 0.0])
 
 
+@pytest.mark.parametrize("value", [-1e100, 1e100])
+def test_the_largest_values_are_taken_and_an_input_without_a_timeout_never_ages(value: float) -> None:
+    one = Input("measurement")
+    assert one.take(value, 5)
+    assert one.usable(10**30)
+    assert not one.stale(10**30)
+    assert Input("measurement").received_ns == 0
+
+
 def test_only_what_came_can_be_stale_and_has_an_age() -> None:
     one = Input("setpoint", 1.0)
     one.timeout_ns = 100
@@ -225,7 +269,10 @@ def test_each_topic_has_its_input_and_tracking_is_heard_only_where_it_is_wanted(
 
 
 def test_in_lockstep_a_value_waits_for_the_sample_it_is_stamped_with(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fopid_ros.controller.inputs.take_pending_messages", lambda _: None)
+    taken: list[str] = []
+    monkeypatch.setattr(
+        "fopid_ros.controller.inputs.take_pending_messages", lambda subscription: taken.append(subscription.topic_name)
+    )
     heard = Heard(trigger="lockstep")
     heard.inputs.listen(tracking=False)
     setpoint = heard.inputs.setpoint
@@ -236,6 +283,7 @@ def test_in_lockstep_a_value_waits_for_the_sample_it_is_stamped_with(monkeypatch
         heard.inputs.take_due(sample * S // 100)
         seen.append(setpoint.value)
     assert seen[2:] == [1.0, 1.0, 2.0, 2.0]
+    assert taken == 6 * ["setpoint", "feedforward", "manual_control"]  # what had come already counts for the sample
     assert all(map(math.isnan, seen[:2]))
     assert setpoint.received_ns == 4 * S // 100
     heard.node.topics["setpoint"](message(3.0, 0.01))  # its time is over: it counts at once

@@ -42,8 +42,11 @@ class LiveHandler(Guarded, WebSocketHandler):
             self.close(1013, f"{MOST_BROWSERS} browsers are served already")
             return
         self.set_nodelay(True)
+        try:
+            self.ping(b"")
+        except WebSocketClosedError:  # it is gone before it was let in
+            return
         self.open_now[self] = None
-        self.ping(b"")
         self._feeding = asyncio.create_task(self._feed())
 
     def _make_room(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from itertools import count
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,10 +14,18 @@ from fopid_core.design.identification.identify import IdentificationResult, iden
 from fopid_core.design.identification.record import Record
 from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.specification import TuningRequest
+from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
 from fopid_core.runtime.performance_monitor import PerformanceMeter
-from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, RunningController
+from fopid_ros.tuner.controller_client import GAINS, UnconfirmedError
+from fopid_ros.tuner.learning.gain_update import (
+    AcceptanceCriteria,
+    GainUpdate,
+    Outcome,
+    RunningController,
+    read_running_controller,
+)
 from fopid_ros.tuner.learning.history import History
 from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.loop_wait import CancelledError, Stage
@@ -149,3 +158,48 @@ def test_a_trial_that_is_cancelled_can_be_taken_back(learnt: IdentificationResul
         gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     gain_update.roll_back()
     assert running.applied[-1] == OLD
+
+
+def test_gains_that_may_have_been_taken_can_be_taken_back(learnt: IdentificationResult) -> None:
+    running = Running(lambda _: 1.0)
+    gain_update, outcome = handed_over(running, learnt)
+
+    def unconfirmed(gains: Fopid, status: str = "") -> Fopid:
+        raise UnconfirmedError("no answer", OLD)
+
+    taken, running.apply = running.apply, unconfirmed  # type: ignore[method-assign]
+    with pytest.raises(UnconfirmedError):
+        gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
+    running.apply = taken  # type: ignore[method-assign]
+    gain_update.roll_back()
+    assert running.applied == [OLD]
+    gain_update.roll_back()  # once
+    assert running.applied == [OLD]
+
+
+def test_new_gains_are_watched_for_ten_response_times(learnt: IdentificationResult) -> None:
+    running = Running(lambda t: 1.0 + 0.005 * math.sin(7.0 * t))
+    gain_update, outcome = handed_over(running, learnt)
+    gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
+    assert [stage.phase for stage in running.stages[:3]] == ["tuning", "verifying", "applying"]
+    watched = [stage for stage in running.stages if stage.phase == "watching"]
+    response_time = 2.0 / outcome.tuned.tuning.achieved.crossover
+    assert watched[0].remaining + SAMPLE_TIME == pytest.approx(10.0 * response_time, abs=2 * SAMPLE_TIME)
+    assert len(watched) * SAMPLE_TIME == pytest.approx(10.0 * response_time, abs=2 * SAMPLE_TIME)
+    progress = [stage.progress for stage in running.stages]
+    assert progress == sorted(progress)
+    assert 0.6 < progress[0] < progress[-1] <= 1.0
+
+
+def test_a_controller_in_manual_mode_is_not_tuned() -> None:
+    answers = dict.fromkeys((*GAINS, "sample_time", "control_min", "control_max"), 1.0) | {"mode": "manual"}
+    client: Any = SimpleNamespace(get=lambda *names: [answers[name] for name in names])
+    with pytest.raises(InputError, match="mode = 'manual'"):
+        read_running_controller(client)
+    answers["mode"] = "auto"
+    assert read_running_controller(client) == RunningController(Fopid(1.0, 1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize(("control", "saturated"), [(-1.0, True), (-0.99, False), (0.99, False), (1.0, True)])
+def test_a_control_at_a_limit_is_saturated(control: float, saturated: bool) -> None:
+    assert RunningController(OLD, SAMPLE_TIME, -1.0, 1.0).saturated(control) == saturated

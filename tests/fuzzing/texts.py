@@ -1,37 +1,23 @@
-"""Texts and command lines near to what people type, and what must hold for each: an answer or one line, soon.
-
-As a program it runs any number of them, prints every case that fails, and ends with 1 if there was one::
-
-    python tests/core/cli/fuzzing.py --texts 100000 --lines 20000
-"""
+"""Texts and command lines near to what people type, and what must hold for each: an answer or one line, soon."""
 
 from __future__ import annotations
 
-import argparse
-import inspect
 import json
-import resource
 import signal
-import sys
-import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 import numpy as np
-from click.testing import CliRunner
 
-from fopid_core.cli.main import main
 from fopid_core.errors import InputError
 from fopid_core.model.process import Process
 
+from ..core.cli.runner import invoke
+
 TEXT_SECONDS, LINE_SECONDS = 2.0, 30.0
 """Of processor time, for each."""
-STREAMS_APART = {"mix_stderr": False} if "mix_stderr" in inspect.signature(CliRunner).parameters else {}
-"""As in ``runner``, which a program run by its path cannot import: click 8.1 mixes them unless told otherwise."""
-MEMORY = 3 << 30
-"""Address space of the whole process [bytes]."""
 
 NUMBERS = (
     "1", "2", "0.5", "3", "10", "0", "0.02", "1.3", "100", "1e-3", "1e3", ".7", "5.", "1e9", "1e-9", "1e100", "1e308",
@@ -211,7 +197,7 @@ def line_fault(line: list[str]) -> str:
     """What is wrong with how a command line is answered; empty when nothing is."""
     try:
         with limited(LINE_SECONDS):
-            result = CliRunner(**STREAMS_APART).invoke(main, line)
+            result = invoke(line)
     except TooLongError as error:
         return str(error)
     if result.exception is not None and not isinstance(result.exception, SystemExit):
@@ -226,25 +212,3 @@ def line_fault(line: list[str]) -> str:
         except json.JSONDecodeError as error:
             return f"no JSON: {error}"
     return ""
-
-
-def run(texts: int, lines: int, seed: int) -> int:
-    """Print every case that fails and how many there were."""
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    fuzzer, faults, begun = Fuzzer(seed), 0, time.process_time()
-    for i in range(texts + lines):
-        case: str | list[str] = fuzzer.process() if i < texts else fuzzer.line()
-        fault = text_fault(case) if isinstance(case, str) else line_fault(case)
-        if fault:
-            faults += 1
-            print(f"{case!r}\n    {fault}", flush=True)
-    print(f"{texts} texts, {lines} lines, seed {seed}: {faults} faults in {time.process_time() - begun:.0f} s")
-    return 1 if faults else 0
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    for name in ("texts", "lines", "seed"):
-        parser.add_argument(f"--{name}", type=int, default=0)
-    given = parser.parse_args()
-    sys.exit(run(given.texts, given.lines, given.seed))

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
 from fopid_core.errors import InputError
 from fopid_core.model.process import Process
 
-from .fuzzing import Fuzzer, line_fault, text_fault
+from .texts import Fuzzer, line_fault, text_fault
 
 GAINS = ("--gains", "1,1,0.1,1,1")
 ONCE_BROKEN = [
@@ -59,14 +55,3 @@ def test_texts_near_the_grammar_are_read_or_refused_in_one_line(seed: int) -> No
     fuzzer = Fuzzer(seed)
     faults = {text: fault for text in (fuzzer.process() for _ in range(100)) if (fault := text_fault(text))}
     assert not faults
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(1500)
-def test_many_texts_and_lines_are_answered_within_time_and_memory() -> None:
-    """In a process of its own, so that its memory can be bounded; the whole count is 100,000 and 20,000."""
-    program = Path(__file__).with_name("fuzzing.py")
-    done = subprocess.run(
-        [sys.executable, str(program), "--texts", "5000", "--lines", "400"], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr

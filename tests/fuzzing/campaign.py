@@ -1,0 +1,125 @@
+"""Many cases for one reader of ``targets``, or of texts and command lines; prints each that is answered badly::
+
+    python -m tests.fuzzing.campaign csv --cases 100000
+
+Where atheris is installed (``make fuzz`` sees to that), cases grow from those that reach new branches; without it they
+are the seeds with random changes. Ends with 1 when there was a fault; one of a kind is kept in ``build/fuzz/NAME``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import resource
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+MEMORY = 4 << 30
+"""Address space of the process [bytes]."""
+LARGEST = 60_000
+"""Size of a case [bytes]."""
+GENERATED = ("line",)
+KEPT = Path("build/fuzz")
+
+
+class Tally:
+    """Counts cases and keeps those that are answered badly."""
+
+    def __init__(self, name: str, fault: Callable[[bytes], str], cases: int) -> None:
+        self._name, self._fault, self._cases = name, fault, cases
+        self.done = self.faults = 0
+        self._begun = time.process_time()
+        self._told: set[str] = set()
+
+    def take(self, case: bytes) -> None:
+        """Try one case; ends the process after the last one."""
+        found = self._fault(case)
+        if found:
+            self._keep(case, found)
+        self.done += 1
+        if self.done >= self._cases:
+            self.end()
+
+    def _keep(self, case: bytes, found: str) -> None:
+        self.faults += 1
+        kind = found[:60]
+        if kind in self._told:  # one of a kind is enough to mend it
+            return
+        self._told.add(kind)
+        file = KEPT / self._name / hashlib.sha256(case).hexdigest()[:16]
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(case)
+        print(f"{file}: {case[:200]!r}\n    {found[:2000]}", flush=True)
+
+    def end(self) -> None:
+        """Say how it went."""
+        took = time.process_time() - self._begun
+        print(f"{self._name}: {self.done} cases, {self.faults} faults in {took:.0f} s of processor", flush=True)
+        os._exit(1 if self.faults else 0)  # a fuzzing engine has no other end
+
+
+def changed(random: np.random.Generator, seeds: list[bytes]) -> bytes:
+    """One of the seeds with some bytes lost, exchanged, doubled, or put in from another."""
+    case = bytearray(seeds[random.integers(len(seeds))])
+    for _ in range(1 + int(random.geometric(0.4))):
+        at, size = int(random.integers(len(case) + 1)), int(random.geometric(0.2))
+        other = seeds[random.integers(len(seeds))]
+        start = int(random.integers(len(other) + 1))
+        new = (b"", random.bytes(size), other[start : start + size], 9 * case[at : at + size])[random.integers(4)]
+        case[at : at + size * int(random.integers(2))] = new
+    return bytes(case[:LARGEST])
+
+
+def main() -> None:
+    """Run the campaign that the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("target")
+    parser.add_argument("--cases", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    try:
+        import atheris
+    except ImportError:
+        atheris = None
+    if atheris and given.target not in GENERATED:
+        with atheris.instrument_imports(include=["fopid_core", "fopid_ros"]):
+            from . import targets
+    else:
+        from . import targets
+    from .texts import Fuzzer, line_fault
+
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    if given.target in GENERATED:
+        fuzzer = Fuzzer(given.seed)
+        tally = Tally(given.target, lambda case: line_fault(case.decode().split("\0")), given.cases)
+        while True:
+            tally.take("\0".join(part.replace("\0", "") for part in fuzzer.line()).encode())
+    if given.target not in targets.TARGETS:
+        parser.error(f"target = {given.target!r}; allowed: {', '.join((*targets.TARGETS, *GENERATED))}")
+    target = targets.TARGETS[given.target]
+    tally = Tally(given.target, lambda case: targets.fault(target, case), given.cases)
+    seeds = list(target.seeds())
+    for seed in seeds:
+        tally.take(seed)
+    if atheris is None:
+        random = np.random.default_rng(given.seed)
+        while True:
+            tally.take(changed(random, seeds))
+    corpus = KEPT / f"{given.target}-corpus"
+    corpus.mkdir(parents=True, exist_ok=True)
+    for seed in seeds:
+        (corpus / hashlib.sha256(seed).hexdigest()[:16]).write_bytes(seed)
+    more = [f"-seed={given.seed}"] if given.seed else []
+    atheris.Setup(
+        [sys.argv[0], f"-max_len={LARGEST}", "-rss_limit_mb=0", "-verbosity=0", *more, str(corpus)], tally.take
+    )
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()
