@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -302,8 +302,12 @@ def usage(node_class: type[ManagedNode]) -> str:
     return "\n".join(lines)
 
 
-def run(node_class: type[ManagedNode], args: Sequence[str] | None = None) -> int:
+def run(
+    node_class: type[ManagedNode], args: Sequence[str] | None = None, make: Callable[[], ManagedNode] | None = None
+) -> int:
     """Run a node until it is told to stop; the exit code of its process.
+
+    ``make`` makes it where its class depends on what the process was given.
 
     Bad input ends with one line on stderr and exit code 2.
     """
@@ -315,7 +319,7 @@ def run(node_class: type[ManagedNode], args: Sequence[str] | None = None) -> int
         check_domain()
         remove_abandoned_segments()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        node = node_class()
+        node = (make or node_class)()
     except (InputError, InvalidNodeNameException, InvalidNamespaceException, RCLError) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         rclpy.try_shutdown()

@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter, get_parameter_value, parameter_value_to_p
 
 from fopid_core.errors import InputError
 
-Value = bool | int | float | str
+Value = bool | int | float | str | list[str]
 
 QOS_PREFIX = "qos_overrides."
 """Parameters of this prefix are rclpy's own, declared with the topics."""
@@ -37,7 +37,7 @@ class Spec:
     Attributes
     ----------
     name : str
-    default : bool, int, float or str
+    default : bool, int, float, str or list of str
         Its type is the parameter's type.
     description : str
         One line, with the unit.
@@ -133,7 +133,13 @@ class Spec:
         return math.isfinite(self.low) or math.isfinite(self.high)
 
     def _kind(self) -> str:
-        return {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}[type(self.default)]
+        return {
+            bool: "true or false",
+            int: "a whole number",
+            float: "a number",
+            str: "a text",
+            list: "a list of texts",
+        }[type(self.default)]
 
     def converted(self, value: Any) -> Any:
         """``value`` as it was meant: a whole number serves as a number, a number as text.

@@ -88,6 +88,8 @@ class SignalType:
     has_header : bool
     low, high : float
         What the field can hold, in the signal's unit. Whole numbers are rounded to when written.
+    raw_range : tuple of float
+        What the field can hold, as the message has it.
     lacking : str
         Why the last message that was read held no number in that place; empty for one that did.
 
@@ -125,8 +127,8 @@ class SignalType:
         self._scale, self._offset = scale, offset
         self._unscaled = (scale, offset) == (1.0, 0.0)
         self._simple = field if len(self._path) == 1 and self._unscaled else None
-        self._raw = _RANGES[self._kinds[-1]]
-        self.low, self.high = sorted(scale * end + offset for end in self._raw)
+        self.raw_range = _RANGES[self._kinds[-1]]
+        self.low, self.high = sorted(scale * end + offset for end in self.raw_range)
 
     def read(self, message: Any) -> float:
         """The signal in a message; NaN where that lacks the number."""
@@ -169,7 +171,7 @@ class SignalType:
         message = self.message_type()
         owner, last = self._owner_for_writing(message)
         stamp: Time | None = message.header.stamp if self.has_header else None
-        is_float, (low, high) = self._kinds[-1] in ("double", "float"), self._raw
+        is_float, (low, high) = self._kinds[-1] in ("double", "float"), self.raw_range
 
         def write(value: float, stamp_ns: int) -> Any:
             if not self._unscaled:

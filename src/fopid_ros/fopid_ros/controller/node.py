@@ -38,6 +38,7 @@ from fopid_ros.common.signals import SignalType, header_stamp
 from fopid_ros.controller.cascade import CascadeLink, check_cascade
 from fopid_ros.controller.gain_memory import GainMemory
 from fopid_ros.controller.inputs import LoopInputs
+from fopid_ros.controller.joints.node import JointsNode, given_dof_names
 from fopid_ros.controller.parameters import (
     SIGNALS,
     SPECS,
@@ -446,10 +447,16 @@ def ask_promptly_for_what_was_missed() -> None:
         os.environ.update(dict.fromkeys(names, str(file)))
 
 
+def make_controller() -> ManagedNode:
+    """The controller of one loop, or with ``dof_names`` of many joints."""
+    dof_names = given_dof_names(ControllerNode.NAME)
+    return ControllerNode() if dof_names is None else JointsNode(dof_names)
+
+
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``fopid_controller``."""
     ask_promptly_for_what_was_missed()
-    return run(ControllerNode, args)
+    return run(ControllerNode, args, make_controller)
 
 
 if __name__ == "__main__":

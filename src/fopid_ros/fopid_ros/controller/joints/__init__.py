@@ -1,0 +1,1 @@
+"""One controller node for many joints."""

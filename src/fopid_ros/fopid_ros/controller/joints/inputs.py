@@ -1,0 +1,132 @@
+"""What a controller of many joints hears: a message holds a number for each joint, or for those that it names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from rclpy.subscription import Subscription
+
+from fopid_ros.common.array_signals import ArraySignal
+from fopid_ros.common.diagnostics import TickCounts
+from fopid_ros.common.managed_node import ManagedNode, loop_qos, take_pending_messages
+from fopid_ros.controller.joints.joint import Joint
+from fopid_ros.controller.kept_setpoint import KeptSetpoint
+
+
+class JointInputs:
+    """Takes messages apart: each joint gets its number, and what cannot be right is refused and counted.
+
+    Parameters
+    ----------
+    node : ManagedNode
+    joints : sequence of Joint
+    types : mapping
+        How each signal travels, by name.
+    counts : TickCounts
+        Where refusals are counted.
+    now : callable
+        The time by which inputs age [ns].
+    """
+
+    def __init__(
+        self, node: ManagedNode, joints: Sequence[Joint], types: Mapping[str, ArraySignal], counts: TickCounts,
+        now: Callable[[], int],
+    ) -> None:  # fmt: skip
+        self._node, self._joints, self._types, self._counts, self._now = node, joints, types, counts, now
+        self._inputs = {name: [joint.inputs[name] for joint in joints] for name in types if name != "control"}
+        self._newest_stamp: int | None = None
+        self._most_ahead_ns = 0
+        self._subscriptions: list[Subscription] = []
+        self._kept: KeptSetpoint | None = None
+
+    def take_settings(self, values: Mapping[str, Any]) -> None:
+        """Put the tolerance of the stamps in force."""
+        self._most_ahead_ns = round((values["sample_time"] + values["clock_skew_max"]) * 1e9)
+
+    def listen(self, *, lockstep: bool, tracking: bool) -> None:
+        """Subscribe to all but the measurement."""
+        for name in ("setpoint", "feedforward", "manual_control", *(["tracking"] if tracking else [])):
+            self._subscriptions.append(self._listen(name, lockstep=lockstep))
+        if not lockstep:
+            kind = self._types["setpoint"].message_type
+            self._kept = KeptSetpoint(
+                self._node, self._node.endpoints, kind, lambda message: self.take("setpoint", message, self._now())
+            )
+
+    def _listen(self, name: str, *, lockstep: bool) -> Subscription:
+        kind = self._types[name]
+
+        def arrived(message: Any) -> None:
+            if lockstep or not self._comes_from_the_future(name, kind.stamp_ns(message)):
+                self.take(name, message, self._now())
+                if name == "setpoint" and self._kept is not None:
+                    self._kept.stop()
+
+        return self._node.endpoints.subscription(kind.message_type, name, arrived, loop_qos(lockstep=lockstep))
+
+    def begin(self) -> None:
+        """Forget the order of the samples before."""
+        self._newest_stamp = None
+
+    def begin_anew(self, now_ns: int) -> None:
+        """Time has jumped: what is there counts as new."""
+        for inputs in self._inputs.values():
+            for one in inputs:
+                one.received_ns = now_ns
+
+    def take_due(self) -> None:
+        """In lockstep: everything that has come before this sample."""
+        for subscription in self._subscriptions:
+            take_pending_messages(subscription)
+
+    def take_measurement(self, message: Any) -> None:
+        """In real time: a stamp, where there is one, tells old samples from new ones."""
+        now = self._now()
+        stamp = self._types["measurement"].stamp_ns(message)
+        if self._comes_from_the_future("measurement", stamp):
+            return
+        if stamp:
+            before, self._newest_stamp = self._newest_stamp, stamp
+            if before is not None and stamp < before:
+                self.warn_backwards("the measurement's stamp", "the sample is refused")
+                return
+            if stamp == before:  # the same sample again is as old as it was
+                now = max(one.received_ns for one in self._inputs["measurement"])
+        self.take("measurement", message, now)
+
+    def take(self, name: str, message: Any, now_ns: int) -> None:
+        """Give each joint its number; only a measurement must have one for each."""
+        kind = self._types[name]
+        numbers = kind.read(message)
+        if kind.lacking and (name == "measurement" or not kind.by_name or not any(n is not None for n in numbers)):
+            lacking = [one for one, number in zip(self._inputs[name], numbers, strict=True) if number is None]
+            for one in lacking:
+                one.refused += 1
+            self._refuse(f"{name}.field = {kind.field!r}: {kind.lacking}", max(1, len(lacking)))
+        for one, number in zip(self._inputs[name], numbers, strict=True):
+            if number is not None and not one.take(number, now_ns):
+                self._refuse(f"{one.name} = {number}; allowed: finite numbers")
+
+    def _comes_from_the_future(self, name: str, stamp_ns: int | None) -> bool:
+        """Whether a stamp is further ahead than a tick and the clocks' skew: it is refused and counted."""
+        if not stamp_ns:
+            return False
+        ahead_ns = stamp_ns - int(self._node.get_clock().now().nanoseconds)
+        if ahead_ns <= self._most_ahead_ns:
+            return False
+        self._counts.stamps_ahead += 1
+        allowed = f"allowed: {self._most_ahead_ns * 1e-9:g} s, a tick and clock_skew_max"
+        self._refuse(f"{name} is stamped {ahead_ns * 1e-9:.6g} s ahead of this node's clock; {allowed}")
+        return True
+
+    def _refuse(self, told: str, values: int = 1) -> None:
+        self._counts.refused_values += values
+        self._node.get_logger().warning(
+            f"{told}; refused ({self._counts.refused_values} so far)", throttle_duration_sec=1.0
+        )
+
+    def warn_backwards(self, what: str, consequence: str) -> None:
+        """Count and tell that a time has run backwards."""
+        self._counts.backward_time_jumps += 1
+        self._node.get_logger().warning(f"{what} ran backwards: {consequence}", throttle_duration_sec=1.0)

@@ -1,0 +1,349 @@
+"""The controller node for many joints: ``dof_names`` names them, each message holds a number for each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from rclpy.timer import Timer
+from std_srvs.srv import SetBool, Trigger
+
+from fopid_core.runtime.controller_bank import ControllerBank
+from fopid_msgs.msg import FopidState
+from fopid_ros.common.diagnostics import PublisherConflicts, TickStatistics, health_problems
+from fopid_ros.common.inputs import is_number
+from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos
+from fopid_ros.controller.joints.inputs import JointInputs
+from fopid_ros.controller.joints.joint import Joint
+from fopid_ros.controller.joints.parameters import (
+    check_dof_names,
+    joint_settings,
+    joint_specs,
+    refuse_idle_joints,
+    signal_types,
+)
+from fopid_ros.controller.parameters import SIGNALS, check_timeouts
+
+NS = 1_000_000_000
+LISTENERS_PERIOD = 0.2
+"""How often it is looked who hears the states of the joints [s]: to ask at each tick costs more than the control."""
+
+
+def given_dof_names(name: str, context: Context | None = None) -> list[str] | None:
+    """The parameter ``dof_names`` as this process was given it; None where it was not."""
+    node = Node(name, context=context, enable_rosout=False, start_parameter_services=False)
+    try:
+        given = node._parameter_overrides.get("dof_names")  # noqa: SLF001  (no public way to see them)
+    finally:
+        node.destroy_node()
+    if given is None:
+        return None
+    return list(map(str, given.value)) if isinstance(given.value, list) else [str(given.value)]
+
+
+class JointsNode(ManagedNode):
+    """Subscribes setpoint, measurement, feedforward, manual_control, tracking; publishes control and ~/NAME/state.
+
+    Parameters
+    ----------
+    dof_names : sequence of str
+    """
+
+    NAME = "fopid_controller"
+    SPECS = ()
+
+    _active = False
+    _timer: Timer | None = None
+    _last_tick: int | None = None
+
+    def __init__(self, dof_names: Sequence[str], context: Context | None = None) -> None:
+        check_dof_names(dof_names)
+        self.SPECS = joint_specs(dof_names)  # type: ignore[misc]  (those of these joints)
+        super().__init__(context=context)
+
+    def check(self, values: dict[str, Any]) -> None:
+        joint_settings(values, signal_types(values)["control"])
+        check_timeouts(values)
+
+    # What lives from configure to cleanup.
+
+    def open(self, values: dict[str, Any]) -> None:
+        self._values = values
+        self._types = types = signal_types(values)
+        self._bank = ControllerBank(joint_settings(values, types["control"]))
+        refuse_idle_joints(values)
+        self._joints = [Joint(*each) for each in zip(values["dof_names"], self._bank.controllers, strict=True)]
+        self._lockstep = values["trigger"] == "lockstep"
+        self._period_ns = round(values["sample_time"] * NS)
+        self._statistics = TickStatistics(values["sample_time"], time.monotonic_ns())
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._tick_clock, self._now = self._time_of_ticks()
+        self._inputs = JointInputs(self, self._joints, types, self._statistics.counts, self._now)
+        self._conflicts = PublisherConflicts(self, SIGNALS)
+        self._contested, self._interval, self._state_sent_ns = False, 0.0, 0
+        self._troubled: tuple[str, ...] = ()
+        self._take_settings()
+        self._set_modes()
+        self._open_endpoints()
+        self._controls = self._safe_controls()
+
+    def _time_of_ticks(self) -> tuple[Clock, Callable[[], int]]:
+        """The clock of the ticks, and the time by which inputs age [ns]; in lockstep the loop's own."""
+        if self._lockstep:
+            return self._steady, lambda: self._last_tick or 0
+        if self.get_parameter("use_sim_time").value:
+            clock = self.get_clock()
+            return clock, lambda: int(clock.now().nanoseconds)
+        return self._steady, time.monotonic_ns
+
+    def _open_endpoints(self) -> None:
+        lockstep, endpoints, types = self._lockstep, self.endpoints, self._types
+        self._inputs.listen(lockstep=lockstep, tracking=self._values["tracking.enabled"])
+        endpoints.subscription(
+            types["measurement"].message_type, "measurement",
+            self.guard.wrap("tick", self._lockstep_tick, self._fail_safe) if lockstep
+            else self._inputs.take_measurement,
+            loop_qos(lockstep=lockstep, reliable=False),
+        )  # fmt: skip
+        self._write = types["control"].writer()
+        self._control_publisher = endpoints.publisher(
+            types["control"].message_type, "control", loop_qos(lockstep=lockstep)
+        )
+        qos = QoSProfile(depth=LOCKSTEP_DEPTH if lockstep else 10)
+        self._state_publishers = [
+            endpoints.publisher(FopidState, f"~/{joint.name}/state", qos) for joint in self._joints
+        ]
+        self._heard = [False] * len(self._joints)
+        endpoints.timer(LISTENERS_PERIOD, self._look_for_listeners, self._steady)
+        endpoints.service(Trigger, "~/reset", self._on_reset)
+        endpoints.service(SetBool, "~/set_auto", self._on_set_auto)
+        self.open_diagnostics()
+        endpoints.refuse_unknown_overrides()
+
+    def _look_for_listeners(self) -> None:
+        self._heard = [publisher.get_subscription_count() > 0 for publisher in self._state_publishers]
+
+    # Parameters.
+
+    def apply(self, values: dict[str, Any]) -> None:
+        if not self.configured:
+            return
+        before, self._values = [one.settings.gains for one in self._bank.controllers], values
+        self._bank.reconfigure(joint_settings(values, self._types["control"]))
+        for joint, old in zip(self._joints, before, strict=True):
+            new = joint.controller.settings.gains
+            if new != old:
+                origin = values[f"gains.{joint.name}.origin"] or "a client that does not say who it is"
+                self.get_logger().info(f"gains of {joint.name} from {old} to {new}, set by: {origin}")
+        self._take_settings()
+        self._set_modes()
+
+    def _take_settings(self) -> None:
+        self._inputs.take_settings(self._values)
+        for joint in self._joints:
+            joint.take_settings(self._values)
+
+    def _set_modes(self) -> None:
+        for controller in self._bank.controllers:
+            if controller.state.mode != self._values["mode"]:
+                controller.set_mode(self._values["mode"])
+
+    # Transitions.
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._last_tick = None
+        self._inputs.begin()
+        self._interval = 0.0
+        if not self._lockstep:
+            tick = self.guard.wrap("tick", self._tick_on_timer, self._fail_safe)
+            self._timer = self.create_timer(self._period_ns * 1e-9, tick, clock=self._tick_clock)
+        self._active = True
+        for joint in self._joints:
+            self.get_logger().info(f"controlling {joint.name} with {joint.controller.settings.gains}")
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._stop_control()
+        return super().on_deactivate(state)
+
+    def _release(self) -> None:
+        self._stop_control()
+        super()._release()
+
+    def _stop_control(self) -> None:
+        """Publish the safe controls and tick no more."""
+        if not self._active:
+            return
+        self._active = False
+        self._publish(self._safe_controls(), self.get_clock().now().nanoseconds)
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
+            self._timer = None
+        self._forget()
+
+    def _safe_controls(self) -> list[float]:
+        return [one.settings.safe_control for one in self._bank.controllers]
+
+    def _forget(self) -> None:
+        for joint in self._joints:
+            joint.forget()
+
+    # Ticks.
+
+    def _lockstep_tick(self, message: Any) -> None:
+        """In lockstep: each measurement is answered by the controls with the same stamp."""
+        stamp = self._types["measurement"].stamp_ns(message)
+        if stamp is None:
+            stamp = self.get_clock().now().nanoseconds
+        if not self._active:
+            return
+        if stamp == self._last_tick:  # the plant asks again: the answer is the same
+            self._publish(self._controls, stamp)
+            return
+        self._inputs.take_due()
+        self._begin_tick(stamp)
+        self._inputs.take("measurement", message, stamp)
+        self._tick(stamp, stamp)
+
+    def _fail_safe(self) -> None:
+        """A tick failed that should not: the safe controls, and controllers as new for the next one."""
+        self._controls = self._safe_controls()
+        stamp = self._last_tick if self._lockstep else None
+        self._publish(self._controls, stamp or self.get_clock().now().nanoseconds)
+        self._forget()
+
+    def _tick_on_timer(self) -> None:
+        now = self._now()
+        self._begin_tick(now)
+        self._tick(self.get_clock().now().nanoseconds, now)
+
+    def _begin_tick(self, now_ns: int) -> None:
+        """Measure the time since the last tick; time that runs backwards starts the controllers anew."""
+        before, self._last_tick = self._last_tick, now_ns
+        if before is not None and now_ns >= before:
+            self._interval = (now_ns - before) * 1e-9
+            self._statistics.counts.late_ticks += max(0, round((now_ns - before) / self._period_ns) - 1)
+            return
+        self._interval = 0.0
+        if before is not None:
+            self._inputs.warn_backwards("time", "the controllers start anew")
+            self._forget()
+        if before is not None or self._lockstep:
+            self._inputs.begin_anew(now_ns)
+
+    def _tick(self, stamp_ns: int, now_ns: int) -> None:
+        contested = self._contested
+        self._controls = self._bank.step([joint.signals(now_ns, contested=contested) for joint in self._joints])
+        saturated = stale = False
+        for k, joint in enumerate(self._joints):
+            if not is_number(self._controls[k]):
+                self._recover(k)
+            saturated = saturated or joint.controller.state.saturated
+            stale = stale or bool(joint.unusable)
+        self._statistics.tick(self._interval, saturated=saturated, stale=stale)
+        self._publish(self._controls, stamp_ns)
+        self._publish_states(stamp_ns, now_ns)
+        if stale or self._troubled:
+            self._log_trouble()
+
+    def _recover(self, k: int) -> None:
+        """Gains times signals beyond what a number can hold: the safe control, and a controller as new."""
+        joint = self._joints[k]
+        self._statistics.counts.controls_not_finite += 1
+        told = f"control of {joint.name} = {self._controls[k]}: its controller starts anew"
+        self.get_logger().error(told, throttle_duration_sec=1.0)
+        joint.forget()
+        self._controls[k] = joint.controller.state.control
+
+    def _publish(self, controls: Sequence[float], stamp_ns: int) -> None:
+        self._control_publisher.publish(self._write(controls, stamp_ns))
+
+    def _publish_states(self, stamp_ns: int, now_ns: int) -> None:
+        """Of the joints that somebody hears, as often as ``state_rate`` allows."""
+        if not any(self._heard):
+            return
+        least = NS / self._values["state_rate"] - self._period_ns // 2  # the nearest tick, however it jitters
+        if 0 <= now_ns - self._state_sent_ns < least:
+            return
+        self._state_sent_ns = now_ns
+        for joint, publisher, heard in zip(self._joints, self._state_publishers, self._heard, strict=True):
+            if heard:
+                message = joint.told(stamp_ns, now_ns)
+                message.sample_interval, message.overruns = self._interval, self._statistics.counts.late_ticks
+                publisher.publish(message)
+
+    # What people are told.
+
+    def _log_trouble(self) -> None:
+        """Log what has changed."""
+        now = tuple(one.name for joint in self._joints for one in joint.unusable)
+        if now == self._troubled:
+            return
+        self._troubled = now
+        names = " and ".join(now)
+        if not now:
+            self.get_logger().info("setpoint and measurement of all joints are there")
+        elif all(joint.awaits_first_input for joint in self._joints if joint.unusable):
+            self.get_logger().info(f"waiting for {names}")
+        else:
+            self.get_logger().error(f"{names} stale; on_stale = {self._values['on_stale']}")
+
+    def health(self) -> tuple[str, list[tuple[bytes, str]], dict[str, object]]:
+        since, rates = self._statistics.window(time.monotonic_ns())
+        now, counts = self._now(), self._statistics.counts
+        found = self._lacks(now) if self._active else []
+        found += health_problems(since, ticking=self._active and not self._lockstep)
+        rivalries = self._conflicts.check()
+        found += [(one.level, one.text) for one in rivalries]
+        mode = self._values["mode"]
+        wanted = [one for one in rivalries if one.sure and one.topic != "control"
+                  and (one.topic == "manual_control") == (mode == "manual")]  # fmt: skip
+        self._contested = bool(wanted) and self._values["on_rivals"] == "safe"
+        facts: dict[str, object] = {
+            **rates, "mode": mode, "ticks": counts.ticks, "overruns": counts.late_ticks,
+            "stale ticks": counts.stale_ticks, "non-finite inputs refused": counts.refused_values - counts.stamps_ahead,
+            "stamps ahead of this clock refused": counts.stamps_ahead,
+            "time ran backwards": counts.backward_time_jumps,
+            "share of saturated ticks": counts.saturated_ticks / max(1, counts.ticks),
+            "last rejected parameter set": self.last_rejected or "none",
+        }  # fmt: skip
+        for joint in self._joints:
+            facts[f"age of the {joint.measurement.name} [s]"] = joint.measurement.age(now)
+            facts |= {f"refused of the {one.name}": one.refused for one in joint.inputs.values() if one.refused}
+        return mode if self._active else "inactive", found, facts
+
+    def _lacks(self, now_ns: int) -> list[tuple[bytes, str]]:
+        found = []
+        for joint in self._joints:
+            names = " and ".join(one.name for one in joint.unusable)
+            if names and joint.awaits_first_input:
+                found.append((DiagnosticStatus.WARN, f"waiting for {names}"))
+            elif names:
+                found.append((DiagnosticStatus.ERROR, f"{names} stale"))
+            found += [
+                (DiagnosticStatus.WARN, f"{one.name} stale: the loop goes on without it")
+                for one in joint.dropped(now_ns)
+            ]
+        return found
+
+    # Services.
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._forget()
+        self._last_tick = None
+        response.success, response.message = True, "the past is forgotten; gains and mode stay"
+        return response
+
+    def _on_set_auto(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        mode = "auto" if request.data else "manual"
+        result = self.set_parameters_atomically([Parameter("mode", value=mode)])
+        response.success, response.message = result.successful, result.reason or mode
+        return response
