@@ -32,7 +32,7 @@ from .node_process import NodeProcess
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `make` sets it; before the first numpy of a node
 
 BIN = Path(sys.executable).parent
-# Each of pytest's processes has domains of its own: what a neighbour's test killed is announced on its domain for a while.
+# Each of pytest's processes has domains of its own: what a neighbour's test killed is announced there for a while.
 _WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 _WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
 _DOMAINS = itertools.islice(itertools.cycle(range(1 + _WORKER, 101, _WORKERS)), os.getpid() % 100, None)

@@ -19,6 +19,7 @@ S = 1_000_000_000
 VALUES = {
     "measurement_timeout": -1.0, "tracking_timeout": -1.0, "feedforward_timeout": -1.0, "setpoint_timeout": 0.0,
     "manual_control_timeout": 0.0, "sample_time": 0.01, "trigger": "realtime", "clock_skew_max": 0.0,
+    "tracking.required": False,
 }  # fmt: skip
 
 
@@ -146,6 +147,7 @@ def test_the_same_sample_again_is_as_old_as_it_was() -> None:
     heard.at(2.09)
     heard.measure(0.5, stamp=2.0)
     assert heard.inputs.measurement.received_ns == came
+    assert heard.counts.backward_time_jumps == 0
     heard.measure(0.5, stamp=2.05)
     assert heard.inputs.measurement.received_ns == heard.loop_ns
 
@@ -225,12 +227,23 @@ def test_what_the_loop_can_do_without_is_dropped_when_it_is_old() -> None:
     assert inputs.dropped(2 * S) == []
 
 
+def test_tracking_that_is_required_is_not_done_without() -> None:
+    inputs = Heard(**{"tracking.required": True}).inputs
+    for one in (inputs.setpoint, inputs.measurement):
+        inputs.take(one, 1.0, S)
+    assert inputs.unusable(S, "auto") == [inputs.tracking]
+    inputs.take(inputs.tracking, 0.2, S)
+    assert inputs.unusable(S + S // 10, "auto") == []
+    assert inputs.tracking in inputs.unusable(S + S // 10 + 1, "auto")
+    assert inputs.dropped(2 * S) == []
+
+
 def test_an_addend_fades_in_a_straight_line_within_another_timeout() -> None:
     addend = Input("feedforward", 0.0)
     addend.timeout_ns = 100
     addend.take(0.8, 1000)
-    found = [addend.faded(1000 + age) for age in (0, 100, 125, 150, 200, 500)]
-    assert found == pytest.approx([0.8, 0.8, 0.6, 0.4, 0.0, 0.0])
+    found = [addend.faded(1000 + age) for age in (0, 100, 101, 125, 150, 200, 500)]
+    assert found == pytest.approx([0.8, 0.8, 0.792, 0.6, 0.4, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("value", [-1e100, 1e100])
@@ -296,7 +309,7 @@ def test_in_real_time_every_input_refuses_a_stamp_ahead() -> None:
     for one in (heard.inputs.setpoint, heard.inputs.feedforward, heard.inputs.manual):
         heard.inputs._listen(one, PendingValues())
     for topic, arrived in heard.node.topics.items():
-        arrived(message(7.0, 50.0 + 3600.0))
+        arrived(message(8.0, 50.0 + 3600.0))
         arrived(message(7.0, 49.0))
         assert heard.counts.stamps_ahead == list(heard.node.topics).index(topic) + 1
     assert {one.value for one in (heard.inputs.setpoint, heard.inputs.feedforward, heard.inputs.manual)} == {7.0}
