@@ -15,6 +15,8 @@ from fopid_core.model.fopid import Fopid
 from fopid_ros.common.background import Background
 
 GAINS = ("kp", "ki", "kd", "lam", "mu")
+OF_ALL_JOINTS = ("sample_time", "mode")
+"""Parameters of a controller of many joints that are not each joint's own."""
 ANSWER_TIME = 3.0
 """How long the controller may take to answer [s]."""
 LOOK_AGAIN = 0.05  # [s]
@@ -35,16 +37,23 @@ class UnconfirmedError(InputError):
 
 
 class ControllerClient:
-    """Asks and changes the controller; to be called from a thread of its own, while the executor spins the node."""
+    """Asks and changes the controller; to be called from a thread of its own, while the executor spins the node.
+
+    Attributes
+    ----------
+    dof : str
+        The joint that is meant of a controller of many; empty for a controller of one loop.
+    """
 
     def __init__(self, node: Node, name: str, background: Background) -> None:
         self.name = name
+        self.dof = ""
         self._background = background
         self._client = AsyncParameterClient(node, name)
         self._origin = node.get_fully_qualified_name()
 
     def get(self, *names: str) -> list[Any]:
-        """Values of parameters.
+        """Values of parameters, those of the joint where there is one.
 
         Raises
         ------
@@ -52,13 +61,21 @@ class ControllerClient:
             If the controller does not answer, or is none of ours.
         """
         self._find()
-        answer = self._background.result(lambda: self._client.get_parameters(list(names)), ANSWER_TIME)
+        asked = [self._called(name) for name in names]
+        answer = self._background.result(lambda: self._client.get_parameters(asked), ANSWER_TIME)
         if answer is None:
             raise InputError(f"{self.name!r} did not tell its present gains")
         values = [parameter_value_to_python(value) for value in answer.values]
         if len(values) != len(names) or any(value is None for value in values):
-            raise InputError(f"{self.name!r} is not a FOPID controller")
+            joint = f" of a joint {self.dof!r}; allowed as dof: one of its dof_names" if self.dof else ""
+            raise InputError(f"{self.name!r} is not a FOPID controller{joint}")
         return values
+
+    def _called(self, name: str) -> str:
+        """What the controller calls a parameter."""
+        if not self.dof or name in OF_ALL_JOINTS:
+            return name
+        return f"gains.{self.dof}.{name.removeprefix('gains.')}"
 
     def _find(self) -> None:
         deadline = time.monotonic() + ANSWER_TIME
@@ -98,7 +115,7 @@ class ControllerClient:
         self._set({"gains.status": "verified"}, self.gains())
 
     def _set(self, values: Mapping[str, float | str], previous: Fopid) -> None:
-        parameters = [Parameter(name, value=value) for name, value in values.items()]
+        parameters = [Parameter(self._called(name), value=value) for name, value in values.items()]
         answer = self._background.result(lambda: self._client.set_parameters_atomically(parameters), ANSWER_TIME)
         if answer is None:
             raise UnconfirmedError(f"{self.name!r} did not confirm", previous)

@@ -102,6 +102,7 @@ class TunerNode(ManagedNode):
             raise InputError("history = 0; allowed: above 0 s, since adapt needs the loop's signals")
 
     def open(self, values: dict[str, Any]) -> None:
+        self._controller.dof = values["dof"]
         self._tap = LoopTap(self, values)
         self._adaptation = None
         self.open_diagnostics()
@@ -140,6 +141,7 @@ class TunerNode(ManagedNode):
         return state, [], {
             "process": self.get_parameter("process").value or "not known",
             "controller": self._controller.name,
+            **({"joint": self._controller.dof} if self._controller.dof else {}),
             "last result": self._last or "none",
             "adaptation": seen or self.get_parameter("adapt").value,
             "last rejected parameter set": self.last_rejected or "none",

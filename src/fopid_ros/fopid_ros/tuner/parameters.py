@@ -16,6 +16,8 @@ _ZERO_CHOOSES = "; 0 leaves it to the method"
 SPECS = (
     Spec("process", "", "P1 ... P4 or a transfer function in s as text; empty until known"),
     Spec("controller", "fopid_controller", "node name of the controller", read_only=True),
+    Spec("dof", "", "the joint to tune, of a controller with dof_names; empty for a controller of one loop",
+         at_configure=True),
     Spec("method", "frequency", "what ~/tune does when not told", choices=METHODS),
     Spec("phase_margin", 0.0, f"phase margin to reach [rad]{_ZERO_CHOOSES}", 0.0, math.pi),
     Spec("crossover", 0.0, f"gain crossover to reach [rad/s]{_ZERO_CHOOSES}", 0.0, 1e9),

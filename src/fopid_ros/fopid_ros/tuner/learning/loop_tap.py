@@ -19,10 +19,11 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from fopid_core.errors import InputError
+from fopid_core.runtime.controller import nearest_turn
 from fopid_msgs.msg import FopidState
 from fopid_ros.common.managed_node import ManagedNode, loop_qos
 from fopid_ros.common.parameters import Spec
-from fopid_ros.common.signals import SignalType, signal_specs, signal_type
+from fopid_ros.common.signals import DEFAULT_TYPE, SignalType, signal_specs, signal_type
 from fopid_ros.tuner.learning.history import SIGNALS, History
 
 INJECTION = "feedforward"
@@ -31,6 +32,12 @@ HEARD = ("measurement", "control")
 SPECS = (
     Spec("history", 600.0, "signals kept for ~/identify and ~/autotune [s]; 0 to listen to none", 0.0, 1e6),
     *(spec for name in (*HEARD, INJECTION) for spec in signal_specs(name)),
+    Spec(
+        "angle_wraparound",
+        False,
+        "the measurement is an angle [rad] that wraps around, as the controller's",
+        read_only=True,
+    ),
 )
 LISTENING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Best effort hears reliable publishers, too; a tick lost is a gap that the identification allows for."""
@@ -51,6 +58,14 @@ class Tick:
     setpoint: float
     measurement: float
     control: float
+
+
+def _signal_types(values: dict[str, Any]) -> dict[str, SignalType]:
+    """How the signals travel; the addend to a joint is named after it, unless told otherwise."""
+    types = {name: signal_type(values, name) for name in (*HEARD, INJECTION)}
+    if values["dof"] and values[f"{INJECTION}.type"] == DEFAULT_TYPE:
+        types[INJECTION] = SignalType("sensor_msgs/msg/JointState", f"effort[{values['dof']}]", INJECTION)
+    return types
 
 
 class LoopTap:
@@ -75,7 +90,7 @@ class LoopTap:
 
     def __init__(self, node: ManagedNode, values: dict[str, Any]) -> None:
         self._node = node
-        self._types = types = {name: signal_type(values, name) for name in (*HEARD, INJECTION)}
+        self._types = types = _signal_types(values)
         self.history = History(values["history"])
         self._hook: Callable[[Tick], None] | None = None
         self._failed: Exception | None = None
@@ -84,13 +99,17 @@ class LoopTap:
         self._injection: Publisher | None = None
         self._added = 0.0
         # Two signals are laid over each other: both by their stamps, or both by when they came.
-        self._by_stamps = all(types[name].has_header for name in HEARD)
+        self._by_stamps = bool(values["dof"]) or all(types[name].has_header for name in HEARD)
+        self._wraps = values["angle_wraparound"]
         if not values["history"]:
             return
-        for name in HEARD:
-            self._subscribe(name, types[name])
-        state = f"{values['controller']}/state"
-        node.endpoints.subscription(FopidState, state, self._on_state, LISTENING)
+        if values["dof"]:
+            state = f"{values['controller']}/{values['dof']}/state"
+            node.endpoints.subscription(FopidState, state, self._on_joint_state, LISTENING)
+        else:
+            for name in HEARD:
+                self._subscribe(name, types[name])
+            node.endpoints.subscription(FopidState, f"{values['controller']}/state", self._on_state, LISTENING)
         node.endpoints.timer(REPEAT_PERIOD, self._repeat, Clock(clock_type=ClockType.STEADY_TIME))
 
     def _subscribe(self, name: str, kind: SignalType) -> None:
@@ -108,6 +127,9 @@ class LoopTap:
     def _heard(self, name: str, time: float, value: float) -> None:
         if not -1e300 < value < 1e300:
             return
+        if self._wraps and name == "measurement":
+            setpoint = self.history.newest("setpoint")
+            value = value if math.isnan(setpoint) else nearest_turn(value, setpoint)
         self.history.add(name, time, value)
         if name != "control":
             return
@@ -131,6 +153,15 @@ class LoopTap:
         stamp = message.header.stamp
         stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec if self._by_stamps else self._arrival_ns(info)
         self._heard("setpoint", stamp_ns * 1e-9, message.setpoint)
+
+    def _on_joint_state(self, message: FopidState, info: dict[str, int]) -> None:
+        """All signals of a joint, at each tick of the controller."""
+        self._on_state(message, info)
+        stamp = message.header.stamp
+        time = stamp.sec + stamp.nanosec * 1e-9
+        if not message.stale:
+            self._heard("measurement", time, message.measurement)
+        self._heard("control", time, message.control)
 
     def set_tick_hook(self, hook: Callable[[Tick], None] | None) -> None:
         """Call ``hook`` at every tick of the controller from now on, on the executor's thread; None for nobody."""
