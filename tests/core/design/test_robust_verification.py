@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from fopid_core.design import robust_verification
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.robust_verification import (
     RobustLimits,
@@ -17,6 +19,8 @@ from fopid_core.design.robust_verification import (
 from fopid_core.design.specification import TuningRequest
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
+from fopid_core.model.margins import margins
 from fopid_core.model.process import Process, read_process
 
 from .identification.recorded import step_record
@@ -97,3 +101,18 @@ def test_the_hold_of_the_controller_delays_by_half_its_sample_time(learnt: Ident
 def test_limits_that_make_no_sense_are_named(wrong: dict[str, float]) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):
         RobustLimits(**wrong)  # type: ignore[arg-type]
+
+
+def test_a_margin_that_is_not_known_is_not_met(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The largest and the smallest of numbers pass over NaN, where it does not come first."""
+    pair = [Process.parse("1/(s+1)^3"), Process.parse("1.1/(s+1)^3")]
+    controller, limits = Fopid(kp=1.0), RobustLimits()
+    known = [margins(Loop(process, controller)) for process in pair]
+    assert robustness(controller, pair, limits).met
+    for unknown in ({"ms": math.nan}, {"phase_margin": math.nan}):
+        for k in range(2):
+            found = iter([replace(one, **unknown) if k == n else one for n, one in enumerate(known)])
+            monkeypatch.setattr(robust_verification, "margins", lambda _, found=found: next(found))
+            judged = robustness(controller, pair, limits)
+            assert not judged.met
+            assert judged.worst == pair[k] or "ms" not in unknown

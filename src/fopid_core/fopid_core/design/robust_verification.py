@@ -131,10 +131,12 @@ def robustness(controller: Fopid, processes: Sequence[Process], limits: RobustLi
     found = [margins(loop) for loop in loops if loop.process not in unstable]
     ms = [margin.ms for margin in found]
     phase_margin = min((abs(margin.phase_margin) for margin in found), default=0.0)
-    within = max(ms, default=math.inf) <= limits.ms_max and phase_margin >= limits.phase_margin_min
+    # One by one: the largest and the smallest of numbers pass over one that is not known (NaN).
+    within = all(m.ms <= limits.ms_max and abs(m.phase_margin) >= limits.phase_margin_min for m in found)
+    largest = max(ms, key=lambda value: math.inf if math.isnan(value) else value, default=math.inf)
     steady = [loop.process for loop in loops if loop.process not in unstable]
-    worst = unstable[0] if unstable else steady[ms.index(max(ms))]
-    return Robustness(not unstable and within, len(found), len(loops), max(ms, default=math.inf), phase_margin, worst)
+    worst = unstable[0] if unstable else steady[ms.index(largest)]
+    return Robustness(bool(found) and not unstable and within, len(found), len(loops), largest, phase_margin, worst)
 
 
 def plausible_processes(identified: IdentificationResult, limits: RobustLimits, hold: float) -> tuple[Process, ...]:
