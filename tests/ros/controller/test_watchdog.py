@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.duration import Duration
 from rclpy.node import Node
 
 from fopid_core.errors import InputError
@@ -47,8 +48,18 @@ def test_a_timeout_is_off_when_zero_and_refused_between_automatic_and_off() -> N
             check_timeouts(DEFAULTS | {f"{name}_timeout": -0.5})
 
 
-def test_in_lockstep_a_feedforward_never_ages_by_default() -> None:
-    assert timeouts({**DEFAULTS, "trigger": "lockstep"})["feedforward"] == float("inf")
+def test_in_lockstep_a_feedforward_dies_by_the_loops_own_time(graph: Graph) -> None:
+    assert timeouts({**DEFAULTS, "trigger": "lockstep"})["feedforward"] == 10_000 * DEFAULTS["sample_time"]
+    fed = LockstepByHand(graph, {"kp": 1.0, "setpoint.initial": 0.0, "feedforward_timeout": 10 * PERIOD})
+    author = graph.node.create_publisher(ScalarStamped, "feedforward", 1)
+    fed.find(author)
+    fed.tick(0, 0.0)
+    author.publish(ScalarStamped(value=2.0))
+    assert author.wait_for_all_acked(Duration(seconds=5))
+    controls = [fed.tick(sample, 0.0) for sample in range(1, 31)]
+    assert controls[:10] == [2.0] * 10  # ten ticks old and no older, whatever the clock on the wall says
+    assert controls[10:20] == pytest.approx([2.0 - 0.2 * k for k in range(1, 11)], abs=1e-12)
+    assert controls[20:] == [0.0] * 10
 
 
 def largest_move(states: list[FopidState]) -> float:

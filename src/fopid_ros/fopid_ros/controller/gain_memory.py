@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,8 @@ class GainMemory:
         self._node, self._name, values = node, node.get_fully_qualified_name(), node.values()
         self._known = Retained.of(self._name, values)
         self._retainer = Retainer(Path(values["directory"]), self._name) if values["retain"] else None
+        self._trial_told_at = time.monotonic()
+        self.abandoned_trials = 0
 
     def recalled(self, check: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
         """The parameters to begin with in place of those given, if any; it is logged which gains it is, and why.
@@ -74,6 +77,23 @@ class GainMemory:
         if self._retainer is not None:
             self._retainer.keep(now)
 
+    def hear_of_trial(self, changes: Mapping[str, Any]) -> None:
+        """Whoever puts gains on trial, or says again that they are, is alive."""
+        if changes.get("gains.status") == "trial":
+            self._trial_told_at = time.monotonic()
+
+    def before_abandoned_trial(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The parameters to go back to, where gains are on trial whose author has fallen silent; else none."""
+        silence, longest = time.monotonic() - self._trial_told_at, values["trial_timeout"]
+        if values["gains.status"] != "trial" or not longest or silence <= longest:
+            return {}
+        self.abandoned_trials += 1
+        self._node.get_logger().error(
+            f"gains on trial, and nothing heard of {values['gains.origin'] or 'their author'!r} for {silence:.3g} s; "
+            f"trial_timeout = {longest:g}: back to {self._known}"
+        )
+        return self._known.parameters
+
     @property
     def trouble(self) -> str:
         """Why the newest gains are not kept, or not yet; empty when they are, or need not be."""
@@ -82,7 +102,8 @@ class GainMemory:
     def facts(self, status: str) -> dict[str, object]:
         """What the diagnostics tell."""
         kept = "not asked for" if self._retainer is None else self.trouble or "yes"
-        return {"gains": "on trial" if status == "trial" else str(self._known), "gains kept": kept}
+        known = "on trial" if status == "trial" else str(self._known)
+        return {"gains": known, "gains kept": kept, "abandoned trials of gains": self.abandoned_trials}
 
 
 def _listed(numbers: Mapping[str, float]) -> str:

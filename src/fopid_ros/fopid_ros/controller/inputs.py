@@ -19,6 +19,7 @@ AUTOMATIC = -1.0
 """A timeout that the sample time chooses."""
 TICKS_MISSED = 5
 SHORTEST_TIMEOUT = 0.1  # [s] what an ordinary operating system may hold a process up for
+TICKS_WITHOUT_AUTHOR = 10_000  # in lockstep
 SHORTEST_FEEDFORWARD_TIMEOUT = 0.5  # [s] and as much again to fade: gone within a second of its author's end
 
 
@@ -34,8 +35,10 @@ def timeouts(values: Mapping[str, Any]) -> dict[str, float]:
     """
     ticks = TICKS_MISSED * values["sample_time"]
     signal = max(SHORTEST_TIMEOUT, ticks)
-    # In lockstep the author of a feedforward has no share in the loop's time: its silence tells nothing.
-    added = math.inf if values["trigger"] == "lockstep" else max(SHORTEST_FEEDFORWARD_TIMEOUT, ticks)
+    # In lockstep the loop's time has no fixed ratio to that of the author, who says it 10 times a second: it gets more
+    # ticks of silence than messages can make in that time.
+    lockstep = values["trigger"] == "lockstep"
+    added = TICKS_WITHOUT_AUTHOR * values["sample_time"] if lockstep else max(SHORTEST_FEEDFORWARD_TIMEOUT, ticks)
     automatic = {"measurement": signal, "tracking": signal, "feedforward": added}
 
     def chosen(name: str) -> float:

@@ -53,6 +53,7 @@ from fopid_ros.controller.retained import check_provenance
 from fopid_ros.controller.state_message import fill_signals
 
 NS = 1_000_000_000
+TRIAL_LOOK_PERIOD = 0.25  # [s]
 
 
 class ControllerNode(ManagedNode):
@@ -91,6 +92,7 @@ class ControllerNode(ManagedNode):
     def open(self, values: dict[str, Any]) -> None:
         self._types = types = signal_types(values)
         self._values = values
+        self._memory.take(values)
         self._controller = FopidController(controller_settings(values, types["control"]))
         self._controller.set_mode(values["mode"])
         self._lockstep = values["trigger"] == "lockstep"
@@ -145,12 +147,14 @@ class ControllerNode(ManagedNode):
         self.endpoints.service(SetBool, "~/set_auto", self._on_set_auto)
         self.endpoints.service(Trigger, "~/save_gains", self._on_save_gains)
         self.endpoints.timer(1.0, self._publish_diagnostics, self._steady)
+        self.endpoints.timer(TRIAL_LOOK_PERIOD, self._end_abandoned_trial, self._steady)
 
     # Parameters.
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """As in any managed node; gains that are set without a provenance lose the one of those before."""
         changes = {change.name: change.value for change in converted(self._specs, parameter_list)}
+        self._memory.hear_of_trial(changes)
         whole = self._memory.with_provenance(changes)
         return super().set_parameters_atomically([Parameter(name, value=value) for name, value in whole.items()])
 
@@ -167,6 +171,12 @@ class ControllerNode(ManagedNode):
         if values["mode"] != mode_before:
             self._controller.set_mode(values["mode"])
         self._update_cached_settings()
+
+    def _end_abandoned_trial(self) -> None:
+        """Gains on trial die with their author, as what it adds to the control does."""
+        before = self._memory.before_abandoned_trial(self._values)
+        if before:
+            self.set_parameters_atomically([Parameter(name, value=value) for name, value in before.items()])
 
     def _update_cached_settings(self) -> None:
         self._inputs.take_settings(self._values)

@@ -16,12 +16,21 @@ from fopid_ros.common.managed_node import TIMING
 from fopid_ros.common.parameters import Spec
 from fopid_ros.common.signals import SignalType, signal_specs, signal_type
 from fopid_ros.controller.cascade import CASCADE_SPECS
-from fopid_ros.controller.inputs import AUTOMATIC, SHORTEST_FEEDFORWARD_TIMEOUT, SHORTEST_TIMEOUT, TICKS_MISSED
+from fopid_ros.controller.inputs import (
+    AUTOMATIC,
+    SHORTEST_FEEDFORWARD_TIMEOUT,
+    SHORTEST_TIMEOUT,
+    TICKS_MISSED,
+    TICKS_WITHOUT_AUTHOR,
+)
 
 SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "tracking", "control")
 
 _SIGNAL = f"-1 for {TICKS_MISSED} sample times, at least {SHORTEST_TIMEOUT} s; 0 for off"
-_ADDED = f"-1 for {TICKS_MISSED} sample times, at least {SHORTEST_FEEDFORWARD_TIMEOUT} s, none in lockstep; 0 for off"
+_ADDED = (
+    f"-1 for {TICKS_MISSED} sample times, at least {SHORTEST_FEEDFORWARD_TIMEOUT} s, "
+    f"in lockstep {TICKS_WITHOUT_AUTHOR} sample times; 0 for off"
+)
 
 SPECS = (
     Spec("kp", 0.0, "proportional gain", -LARGEST, LARGEST, slides=True),
@@ -77,6 +86,8 @@ SPECS = (
          read_only=True),
     Spec("gains.status", "set", "what is known of the gains: set by somebody, on trial (not kept), or verified",
          choices=("set", "trial", "verified")),
+    Spec("trial_timeout", 3.0, "gains on trial go back to those before when gains.status = trial is not said again for "
+         "so long [s]; 0 for never", 0.0, 1e9),
     Spec("gains.origin", "", "who set the gains, and why; set with them"),
     Spec("gains.certificate", "", "that the gains hold the loop, where there is one; set with them"),
     replace(TIMING, read_only=False, at_configure=True),

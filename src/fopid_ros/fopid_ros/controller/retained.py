@@ -32,6 +32,8 @@ GAINS = ("kp", "ki", "kd", "lam", "mu")
 BASIS = ("sample_time", "band.low", "band.high", "band.poles", "horizon", "derivative_filter_time",
          "measurement_filter_order", "measurement_filter_time")  # fmt: skip
 """Parameters that make the same five numbers another controller."""
+WHOLE = ("band.poles", "measurement_filter_order")
+"""Those of them that are whole numbers."""
 
 
 PROVENANCE = {"gains.status": "set", "gains.origin": "", "gains.certificate": ""}
@@ -193,7 +195,7 @@ def _check(content: Mapping[str, Any]) -> None:
         if not isinstance(numbers, dict) or set(numbers) != set(wanted):
             raise InputError(f"{name} in it; allowed: {', '.join(wanted)}")
         for key, value in numbers.items():
-            if type(value) is not float and not (key == "band.poles" and type(value) is int):
+            if type(value) is not float and not (key in WHOLE and type(value) is int):
                 raise InputError(f"{key} in it; allowed: a number with a decimal point")
 
 

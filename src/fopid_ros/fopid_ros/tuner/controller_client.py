@@ -110,9 +110,17 @@ class ControllerClient:
         self._set({**dict(zip(GAINS, gains.gains, strict=True)), **provenance}, previous)
         return previous
 
-    def confirm(self) -> None:
-        """The gains that were on trial hold the loop; raises as ``apply`` does."""
-        self._set({"gains.status": "verified"}, self.gains())
+    def renew_trial(self) -> None:
+        """Say that whoever put the gains on trial lives; nothing is waited for, since it is said again and again."""
+        trial = [Parameter("gains.status", value="trial")]
+        self._background.on_executor(lambda: self._client.set_parameters_atomically(trial))
+
+    def confirm(self, gains: Fopid) -> None:
+        """The gains that were on trial hold the loop; raises as ``apply`` does, and when others are in force."""
+        now = self.gains()
+        if now != gains:
+            raise InputError(f"the gains were changed meanwhile, to {now}; they stay")
+        self._set({"gains.status": "verified"}, now)
 
     def _set(self, values: Mapping[str, float | str], previous: Fopid) -> None:
         parameters = [Parameter(self._called(name), value=value) for name, value in values.items()]

@@ -31,6 +31,7 @@ from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.loop_wait import CancelledError, Stage
 
 OLD = Fopid(0.5, 1.0, 0.0, 1.0, 1.0)
+ANOTHERS = Fopid(0.7, 0.1)
 SAMPLE_TIME = 0.01
 Loop = Callable[[float], float]
 """Measurement at each time, about a setpoint of 1."""
@@ -56,8 +57,12 @@ class Running:
         self.statuses.append(status)
         return before
 
-    def confirm(self) -> None:
+    def confirm(self, gains: Fopid) -> None:
+        assert gains == self.gains()
         self.statuses.append("verified")
+
+    def gains(self) -> Fopid:
+        return self.applied[-1] if self.applied else OLD
 
     def report(self, stage: Stage) -> None:
         self.stages.append(stage)
@@ -156,8 +161,19 @@ def test_a_trial_that_is_cancelled_can_be_taken_back(learnt: IdentificationResul
     gain_update, outcome = handed_over(running, learnt)
     with pytest.raises(CancelledError):
         gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
+    running.applied.append(ANOTHERS)
     gain_update.roll_back()
-    assert running.applied[-1] == OLD
+    assert running.applied[-1] == ANOTHERS  # somebody has set others meanwhile: they stay
+
+
+def test_a_trial_that_is_cancelled_is_taken_back_once(learnt: IdentificationResult) -> None:
+    running = Running(lambda _: 1.0, cancelled_at=0.1)
+    gain_update, outcome = handed_over(running, learnt)
+    with pytest.raises(CancelledError):
+        gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
+    gain_update.roll_back()
+    gain_update.roll_back()
+    assert running.applied == [outcome.tuned.tuning.controller, OLD]
 
 
 def test_gains_that_may_have_been_taken_can_be_taken_back(learnt: IdentificationResult) -> None:

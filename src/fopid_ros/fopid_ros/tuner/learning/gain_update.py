@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -21,6 +22,8 @@ TICKS_MIN = 30
 """What lasts fewer ticks tells nothing."""
 MONITORED_RESPONSES = 10.0
 """How long new gains are watched, in response times."""
+RENEW_PERIOD = 0.5
+"""How often the controller is told that gains on trial are still watched [s of the wall clock]."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +117,7 @@ class GainUpdate:
         self._tap, self._client, self._wait = tap, client, wait
         self._controller, self._criteria = controller, criteria
         self._previous_gains: Fopid | None = None
+        self._trial_gains: Fopid | None = None
 
     def design(self, found: IdentificationResult) -> Outcome:
         """Gains for what was learnt, verified on all that the record leaves possible."""
@@ -157,6 +161,7 @@ class GainUpdate:
         if design is None or design.controller is None or design.achieved is None:
             raise InputError("a tuning without gains; allowed: one that succeeded")
         self._wait.report(Stage("applying", 0.75, message=str(design.controller)))
+        self._trial_gains = design.controller
         try:
             self._previous_gains = self._client.apply(design.controller, "trial")
         except UnconfirmedError as error:  # they may have been taken: taking back must not depend on it
@@ -168,7 +173,7 @@ class GainUpdate:
         watch = self._watch(PerformanceMonitor(before, settings, self._controller.sample_time), outside)
         applied = replace(outcome, applied=True, previous=self._previous_gains)
         if watch.verdict != "worse":
-            self._client.confirm()
+            self._client.confirm(design.controller)
             return replace(applied, message=f"{outcome.message}; applied and watched: {watch.reason}")
         self.roll_back()
         return replace(applied, success=False, applied=False, rolled_back=True,
@@ -189,15 +194,24 @@ class GainUpdate:
             return Stage("watching", 0.75 + 0.25 * min(done / window, 1.0), window - done, deviation,
                          message=watch.reason)  # fmt: skip
 
+        renewed = time.monotonic()
+
+        def finished() -> bool:
+            nonlocal renewed
+            if time.monotonic() - renewed > RENEW_PERIOD:
+                renewed = time.monotonic()
+                self._client.renew_trial()
+            return watch.finished
+
         self._tap.set_tick_hook(hook)
         try:
-            self._wait.until(lambda: watch.finished, stage)
+            self._wait.until(finished, stage)
         finally:
             self._tap.set_tick_hook(None)
         return watch
 
     def roll_back(self) -> None:
-        """The gains from before, where others have been applied.
+        """The gains from before, where those on trial are in force; others that came meanwhile stay.
 
         Raises
         ------
@@ -208,6 +222,7 @@ class GainUpdate:
             return
         before, self._previous_gains = self._previous_gains, None
         try:
-            self._client.apply(before)
+            if self._client.gains() in (self._trial_gains, before):  # those on trial may still be on their way
+                self._client.apply(before)
         except InputError as error:
             raise InputError(f"the previous gains, {before}, could not be put back: {error}") from None
