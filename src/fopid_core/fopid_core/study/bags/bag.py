@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -203,7 +204,8 @@ def _tuning(time: float, m: Any) -> Tuning:
         applied=m.applied,
         message=m.message,
         gains=gains,
-        achieved=Achieved(**{f.name: getattr(m.achieved, f.name) for f in fields(Achieved)}),
+        # What the message does not tell, since it is older or has no place for it, is not known.
+        achieved=Achieved(**{f.name: getattr(m.achieved, f.name, math.nan) for f in fields(Achieved)}),
         stable=m.achieved.stable,
         unmet=tuple(m.unmet),
         elapsed=m.elapsed,
