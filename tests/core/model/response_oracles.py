@@ -7,6 +7,7 @@ residues at the poles that Lambert's function gives.
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from collections.abc import Callable
@@ -28,6 +29,7 @@ _DIGITS = 60
 _SERIES_REACH = 50  # |p|^(1/base) t up to which the power series is used
 _STEPS_REACH = 100
 _MOST_SAMPLES = 400_000
+_FEW_ZEROS = 64
 
 
 def signal_in_time(case: RandomLoop, source: Source = "setpoint", signal: Signal = "error") -> InTime | None:
@@ -290,7 +292,7 @@ def rational_indices(case: RandomLoop) -> dict[str, float] | None:
                 for j in range(i, len(p)):
                     total += (1 if i == j else 2) * mp.re(r[i] * r[j] * moment(p[i] + p[j], power, horizon))
             found[name] = float(total)
-    return found | absolute_indices(np.array([complex(x) for x in p]), np.array([complex(x) for x in r]), case.horizon)
+    return found | absolute_indices(p, r, case.horizon)
 
 
 def moment(q: mp.mpc, power: int, horizon: mp.mpf) -> mp.mpc:
@@ -303,8 +305,12 @@ def moment(q: mp.mpc, power: int, horizon: mp.mpf) -> mp.mpc:
     return value
 
 
-def absolute_indices(p: np.ndarray, r: np.ndarray, horizon: float) -> dict[str, float]:
-    """Between zeros the integrals are known; the zeros are found on a fine grid and by bisection."""
+def absolute_indices(poles: list[mp.mpc], residues: list[mp.mpc], horizon: float) -> dict[str, float]:
+    """Between zeros the integrals are known; the zeros are found on a fine grid and by bisection.
+
+    A signal that hardly crosses zero may be what is left of large parts that cancel: it is integrated in many digits.
+    """
+    p, r = np.array([complex(x) for x in poles]), np.array([complex(x) for x in residues])
     fast, ringing = float(np.abs(p).max()), float(np.abs(p.imag).max())
     if ringing * horizon * 10.0 > _MOST_SAMPLES:
         return {}
@@ -324,10 +330,24 @@ def absolute_indices(p: np.ndarray, r: np.ndarray, horizon: float) -> dict[str, 
         before = error(middle) * sign > 0.0
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     ends = np.concatenate(([0.0], low, [horizon]))
+    if ends.size <= _FEW_ZEROS:
+        return {
+            name: float(sum(abs(b - a) for a, b in itertools.pairwise(integrals_to(ends, poles, residues, power))))
+            for name, power in (("iae", 0), ("itae", 1))
+        }
     start, length = ends[:-1, None], np.diff(ends)[:, None]
     wave, x = r * np.exp(p * start), p * length
     plain, timed = (wave * length * phi(x, 1)).real, (wave * (start * length * phi(x, 1) + length**2 * phi(x, 2))).real
     return {"iae": float(np.abs(plain.sum(axis=1)).sum()), "itae": float(np.abs(timed.sum(axis=1)).sum())}
+
+
+def integrals_to(ends: np.ndarray, poles: list[mp.mpc], residues: list[mp.mpc], power: int) -> list[mp.mpf]:
+    """Integrals of t^power times the signal from 0 to each of these instants."""
+    with mp.workdps(_DIGITS):
+        return [
+            mp.re(sum(r * moment(p, power, mp.mpf(float(end))) for p, r in zip(poles, residues, strict=True)))
+            for end in ends
+        ]
 
 
 def phi(x: np.ndarray, order: int) -> np.ndarray:

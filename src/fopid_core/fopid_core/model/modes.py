@@ -13,6 +13,7 @@ from fopid_core.model.poles import Poles
 
 _CIRCLE = 24  # points about each pole: what lies five radii away then counts for less than rounding
 _RADIUS = 0.2
+_SAFETY = 2.0  # of a pole's error as it is estimated
 _NEGLIGIBLE = 1e-18
 LARGEST_EXPONENT = 600.0  # exp(700) overflows
 
@@ -58,7 +59,8 @@ class Modes:
         with np.errstate(divide="ignore", invalid="ignore"):
             seen = np.where(np.abs(main) > 0.0, np.abs(moments[1] / main), 0.0)
         strongest = np.argmax(np.abs(main), axis=0)
-        shifts = np.maximum(found.shifts, np.take_along_axis(seen, strongest[None], axis=0)[0])
+        shifts = _SAFETY * np.maximum(found.shifts, np.take_along_axis(seen, strongest[None], axis=0)[0])
+        shifts += np.finfo(float).eps * np.abs(poles)  # of the pole as a number and of its product with time
         twice = np.where(poles.imag > 0.0, 2.0, 1.0)
         main = np.where(poles.imag == 0.0, main.real, main)
         return Modes(poles, shifts, twice * main, twice * (np.abs(main - other) + 1e-15 * np.abs(main)))
