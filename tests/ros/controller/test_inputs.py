@@ -33,7 +33,7 @@ VALUES = {
         ({"sample_time": 0.02}, {"measurement": 0.1}),
         ({"sample_time": 0.04}, {"measurement": 0.2, "tracking": 0.2, "feedforward": 0.5}),
         ({"sample_time": 0.2}, {"measurement": 1.0, "feedforward": 1.0}),
-        ({"trigger": "lockstep"}, {"measurement": 0.1, "tracking": 0.1, "feedforward": math.inf}),
+        ({"trigger": "lockstep"}, {"measurement": 0.1, "tracking": 0.1, "feedforward": 100.0}),
         ({"measurement_timeout": 0.0}, {"measurement": math.inf, "tracking": 0.1}),
         ({"measurement_timeout": 0.03, "setpoint_timeout": 2.0}, {"measurement": 0.03, "setpoint": 2.0}),
         ({"trigger": "lockstep", "feedforward_timeout": 3.0}, {"feedforward": 3.0}),
