@@ -35,7 +35,7 @@ class Block:
         Its language.
     body : str
     before : str
-        The last line of prose before it.
+        The last paragraph before it, in one line.
     """
 
     kind: str
@@ -58,8 +58,8 @@ def blocks(page: str) -> list[Block]:
     """All blocks of a page, in order."""
     found, last = [], 0
     for match in _BLOCK.finditer(page):
-        prose = [line.strip() for line in page[last : match.start()].splitlines() if line.strip()]
-        found.append(Block(match["kind"], match["body"], prose[-1] if prose else ""))
+        paragraphs = re.split(r"\n\s*\n", page[last : match.start()].strip())
+        found.append(Block(match["kind"], match["body"], " ".join(paragraphs[-1].split())))
         last = match.end()
     return found
 
@@ -93,11 +93,16 @@ def run(page: Path, folder: Path, environment: Mapping[str, str] | None = None) 
 
 
 def _done(arguments: list[str], folder: Path, environment: Mapping[str, str]) -> str:
-    done = subprocess.run(arguments, cwd=folder, env=environment, capture_output=True, text=True, timeout=PATIENCE,
-                          stdin=subprocess.DEVNULL, check=False)  # fmt: skip
+    with subprocess.Popen(arguments, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE, text=True, start_new_session=True) as process:  # fmt: skip
+        try:
+            out, errors = process.communicate(timeout=PATIENCE)
+        except BaseException:
+            os.killpg(process.pid, signal.SIGKILL)  # and what it has started
+            raise
     logs = "".join(f"{log.name}: {log.read_text()}" for log in sorted(folder.glob("background-*.log")))
-    assert done.returncode == 0, f"{arguments[-1]}\n{done.stdout}\n{done.stderr}\n{logs}"
-    return done.stdout
+    assert process.returncode == 0, f"{arguments[-1]}\n{out}\n{errors}\n{logs}"
+    return out
 
 
 def _begun(command: str, folder: Path, environment: Mapping[str, str], log: Path) -> subprocess.Popen[bytes]:
