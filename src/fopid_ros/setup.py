@@ -57,6 +57,7 @@ setup(
         (f"share/{name}", ["package.xml"]),
         *shared("launch", "*.launch.*"),
         *shared("config", "*.yaml"),
+        *shared("config", "*.xml"),
         *shared("layouts", "*.*"),
     ],
     zip_safe=False,

@@ -112,7 +112,7 @@ class ControllerClient:
 
     def renew_trial(self) -> None:
         """Say that whoever put the gains on trial lives; nothing is waited for, since it is said again and again."""
-        trial = [Parameter("gains.status", value="trial")]
+        trial = [Parameter(self._called("gains.status"), value="trial")]
         self._background.on_executor(lambda: self._client.set_parameters_atomically(trial))
 
     def confirm(self, gains: Fopid) -> None:
