@@ -6,6 +6,8 @@ import random
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -14,6 +16,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from std_srvs.srv import Trigger
 
 from fopid_msgs.msg import ScalarStamped
+from fopid_ros.controller.node import ControllerNode
 
 from ..conftest import BIN, Graph, only_line
 from .fed import FedController
@@ -118,6 +121,11 @@ def test_cycles_of_configure_and_cleanup_under_traffic_leave_nothing_open(graph:
     fed.wait(lambda told: told.control == 0.5)
     graph.until(lambda: endpoints(graph) == before, "the same endpoints as before")
     assert open_files(fed.process) <= files + 2
+
+
+def test_a_tick_that_was_due_when_the_controller_came_to_rest_does_nothing() -> None:
+    resting: Any = SimpleNamespace(_active=False)  # whatever else it asked of the node would raise
+    ControllerNode._tick_on_timer(resting)
 
 
 def test_the_safe_control_is_the_last_thing_sent_before_a_controller_rests_or_ends(graph: Graph) -> None:

@@ -242,6 +242,8 @@ class ControllerNode(ManagedNode):
         self._controller.reset()
 
     def _tick_on_timer(self) -> None:
+        if not self._active:  # it was due before the timer ended: the safe control stays the last thing sent
+            return
         now = self._now()
         self._begin_tick(now)
         self._tick(self.get_clock().now().nanoseconds, now)
