@@ -11,8 +11,8 @@ assert found.success
 assert model is not None
 print("process:", model.process)
 
-pid = fopid.tune(model.process, index="iae", ms_max=1.6, fixed={"lam": 1, "mu": 1}, sample_time=1.0)
-best = fopid.tune(model.process, index="iae", ms_max=1.6, sample_time=1.0)
+pid = fopid.tune(model.process, index="iae", ms_max=1.6, structure="pid", sample_time=1.0)
+best = fopid.tune(model.process, index="iae", ms_max=1.6, structure="fopid", sample_time=1.0)
 kp, ki, kd, _, _ = pid.controller.gains
 print(f"PID   IAE {pid.cost:.1f}: K = {kp:.4g} %/degC, Ti = {kp / ki:.4g} s, Td = {kd / kp:.4g} s")
 print(f"FOPID IAE {best.cost:.1f}: {best.controller}")

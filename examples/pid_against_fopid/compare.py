@@ -3,8 +3,8 @@
 import fopid_core as fopid
 
 for text in ("1/(s+1)^3", "1/(s+1)*exp(-0.5s)", "9/((s+1)(s^2+2s+9))"):
-    pid = fopid.tune(text, index="iae", ms_max=1.6, fixed={"lam": 1, "mu": 1})
-    best = fopid.tune(text, index="iae", ms_max=1.6)
+    pid = fopid.tune(text, index="iae", ms_max=1.6, structure="pid")
+    best = fopid.tune(text, index="iae", ms_max=1.6, structure="fopid")
     assert pid.success
     assert best.success
     gain = 1.0 - best.cost / pid.cost

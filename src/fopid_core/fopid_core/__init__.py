@@ -5,8 +5,8 @@ Everything that is needed at a keyboard is here; a transfer function is typed as
     import fopid_core as fopid
 
     plant = fopid.read_process("2/(s+1)^3 * exp(-0.2s)")
-    pid = fopid.tune(plant, index="iae", ms_max=1.6, fixed={"lam": 1, "mu": 1})
-    best = fopid.tune(plant, index="iae", ms_max=1.6)
+    pid = fopid.tune(plant, index="iae", ms_max=1.6, structure="pid")
+    best = fopid.tune(plant, index="iae", ms_max=1.6, structure="fopid")
     figure = fopid.step_response(plant, pid).plot(label="PID")
     fopid.step_response(plant, best).plot(figure, label="FOPID")
 

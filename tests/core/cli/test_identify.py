@@ -97,8 +97,8 @@ def test_spreadsheets_write_csv_in_many_ways(
         ("", "allowed: a first line with time, control, measurement"),
         ("time,u,y\n0,0,0\n", "columns time, u, y of"),
         ("time,control,measurement\n0,0,0\n1,x,0\n", "control = 'x' in data row 2; allowed: a number"),
-        ("time,control,measurement\n0,0\n", "measurement = '' in data row 1; allowed: a number"),
-        ("time [ms],control,measurement\n0,0,0\n", "time in ms; allowed: seconds"),
+        ("time [day],control,measurement\n0,0,0\n", "time in day; allowed: s, sec, ms"),
+        ("time,control,measurement\nnoon,0,0\n", "time = 'noon' in data row 1; allowed: seconds, or a time as 2026"),
         ("time,control,control,measurement\n0,0,0,0\n", "allowed: control once"),
         ("time,control,measurement\n0,5,0,1,2\n", "5 cells in data row 1; allowed: one for each of 3 columns"),
         ("time,control,measurement\n0,0,0\n", "record of 1 samples; allowed: 30 or more"),
@@ -117,3 +117,61 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     result = run(tmp_path / "none.csv")
     assert result.exit_code == 2
     assert "none.csv" in result.stderr
+
+
+ROWS = [(0.5 * k, float(k > 5), 0.25 * k) for k in range(40)]
+
+
+@pytest.mark.parametrize(
+    ("lines", "columns"),
+    [
+        ([f"{t},{u},{y}" for t, u, y in ROWS], None),  # no header
+        (["t,OP,PV", *(f"{t},{u},{y}" for t, u, y in ROWS)], None),
+        (["Time [ms],OP (%),PV (degC)", *(f"{1000 * t},{u},{y}" for t, u, y in ROWS)], None),
+        (["time,control,measurement", "min,%,degC", *(f"{t / 60},{u},{y}" for t, u, y in ROWS)], None),
+        (["tag,FIC1.OP,TI1", *(f"{t},{u},{y}" for t, u, y in ROWS)], "TI1,FIC1.OP"),
+        (["a,b,c", *(f"{y},{t},{u}" for t, u, y in ROWS)], "1,3,3,2"),
+        (["time,op,pv", *(f"2026-01-31T23:59:{t:04.1f}00Z,{u},{y}" for t, u, y in ROWS)], None),
+        (["time,op,pv", *(f"2026-01-31 23:59:{t:04.1f}00,{u},{y}" for t, u, y in ROWS)], None),
+        (["time,op,pv", *(f"{1.7e9 + t},{u},{y}" for t, u, y in ROWS)], None),
+        (["time,op,pv", *(f"{1.7e12 + 1000 * t:.0f},{u},{y}" for t, u, y in ROWS)], None),
+        (["time;op;pv", *(f"{t};{u};{y}".replace(".", ",") for t, u, y in ROWS)], None),
+        (["time,op,pv", *(f"{t},{u},{y}\n{t + 0.1},,{y}" for t, u, y in ROWS)], None),  # gaps
+    ],
+    ids=(
+        "no header",
+        "PV",
+        "ms",
+        "row of units",
+        "tags",
+        "numbers",
+        "ISO",
+        "ISO, blank",
+        "epoch",
+        "epoch ms",
+        "comma",
+        "gaps",
+    ),
+)
+def test_control_systems_write_csv_in_many_ways(lines: list[str], columns: str | None, tmp_path: Path) -> None:
+    path = tmp_path / "record.csv"
+    path.write_text("\n".join(lines))
+    record = read_record(path, columns=columns)
+    found = np.column_stack([record.time, record.control, record.measurement])
+    assert found == pytest.approx(np.array(ROWS), abs=1e-6)
+    assert record.left_out == (40 if ",," in lines[-1] else 0)
+
+
+def test_a_column_that_is_not_there_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "record.csv"
+    path.write_text("time,a,b\n0,0,0\n")
+    result = run(path, "--columns", "c,a")
+    assert result.exit_code == 2
+    assert "column 'c'" in result.stderr
+    assert "one of time, a, b" in result.stderr
+
+
+def test_the_fit_is_drawn(tmp_path: Path) -> None:
+    path = written(step_record("3/(2s+1)*exp(-0.7s)", 20.0, 0.05, noise=0.02), tmp_path / "step.csv")
+    assert answer(path, "--template", "foptd", "--plot", tmp_path / "fit.png")["plot"]
+    assert (tmp_path / "fit.png").stat().st_size > 10_000

@@ -104,6 +104,7 @@ def identify(
     measurement: ArrayLike | None = None,
     template: str = "all",
     control_before: float | None = None,
+    columns: str | None = None,
 ) -> IdentificationResult:
     """Learn a process from a record of its signals.
 
@@ -117,6 +118,9 @@ def identify(
         ``foptd``, ``soptd``, ``nioptd1``, ``nioptd2``, ``rational:N/M`` or ``all``.
     control_before : float, optional
         The control at which the process rested before the record, where that is known.
+
+    columns : str, optional
+        Of a csv file: ``PV,OP[,SP[,TIME]]``, names or numbers of its columns.
 
     Examples
     --------
@@ -143,5 +147,5 @@ def identify(
     else:
         from fopid_core.study.records import read_record
 
-        found = read_record(record, control_before=control_before)
+        found = read_record(record, control_before=control_before, columns=columns)
     return identification.identify(found, template)

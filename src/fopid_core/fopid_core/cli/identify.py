@@ -23,6 +23,12 @@ if TYPE_CHECKING:
 @click.option("--from", "first", type=float, default=-math.inf, metavar="S", help="Use the record from here on.")
 @click.option("--to", "last", type=float, default=math.inf, metavar="S", help="Use the record up to here.")
 @click.option("--namespace", metavar="NAME", help="Which loop, when a bag holds several.")
+@click.option(
+    "--columns", metavar="PV,OP,SP", help="Of a csv file: names or numbers of its columns; the fourth is time."
+)
+@click.option(
+    "--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw measurement and model: png, svg, pdf."
+)
 @as_json
 def identify_verb(
     record: Path,
@@ -31,14 +37,20 @@ def identify_verb(
     first: float,
     last: float,
     namespace: str | None,
+    columns: str | None,
+    plot: Path | None,
     as_json: bool,
 ) -> None:
     """Learn the process from a record: a csv file with time, control, measurement, or a bag."""
     from fopid_core.design.identification.identify import identify
     from fopid_core.study.records import read_record
 
-    signals = read_record(record, namespace, control_before)
+    signals = read_record(record, namespace, control_before, columns)
     found = identify(signals.part(first, last) if math.isfinite(first) or math.isfinite(last) else signals, template)
+    if plot and found.best:
+        from fopid_core.cli.plots import plot_fit
+
+        plot_fit(found.best, signals, plot)
     models = [_rows(model) for model in found.models]
     best = found.best
     verdict = {
@@ -47,6 +59,8 @@ def identify_verb(
         "template": best.template if best else None,
         "process": str(best.process) if best else None,
         "fit_pct": best.fit_pct if best else None,
+        "rows_left_out": signals.left_out,
+        "plot": str(plot) if plot and best else None,
         "elapsed_s": found.elapsed,
     }
     tables: list[tuple[str, Mapping[str, Any]]] = [(model.template, _table(model)) for model in found.models]

@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fopid_core.drawing import new_figure
+from fopid_core.drawing import draw_over_time, new_figure
 from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from fopid_core.design.identification.identify import IdentifiedModel
+    from fopid_core.design.identification.record import Record
     from fopid_core.model.response import Response
     from fopid_core.model.stability_region import StabilityRegion
 
@@ -18,6 +20,24 @@ if TYPE_CHECKING:
 def plot_response(response: Response, title: str, path: Path) -> None:
     """Output and control over time, one above the other."""
     _save(response.plot(title=title), path)
+
+
+def fit_figure(model: IdentifiedModel, record: Record) -> Figure:
+    """Measurement and model over time, above the control that both answer."""
+    time, measured, simulated = model.simulated
+    rows = [
+        (
+            "measurement",
+            {"measurement": (time, measured), f"{model.template}, {model.fit_pct:.1f} %": (time, simulated)},
+        ),
+        ("control", {"": (record.time, record.control)}),
+    ]
+    return draw_over_time(rows, title=str(model.process) if len(str(model.process)) < 70 else "")
+
+
+def plot_fit(model: IdentifiedModel, record: Record, path: Path) -> None:
+    """The fit of a model."""
+    _save(fit_figure(model, record), path)
 
 
 def plot_region(region: StabilityRegion, title: str, path: Path) -> None:

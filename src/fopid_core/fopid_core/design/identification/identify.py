@@ -117,6 +117,12 @@ class IdentifiedModel:
         """The structure's linear numbers."""
         return self._fit.gains
 
+    @property
+    def simulated(self) -> tuple[Floats, Floats, Floats]:
+        """Instants [s], the measurement there, and what the model makes of the control; of long records averages."""
+        measured = self._fit.response.measurement
+        return self._fit.response.time, measured, measured - self._fit.residual
+
     def sample(self, count: int, seed: int = 0) -> tuple[Process, ...]:
         """Processes that the record cannot tell from this one: drawn from the covariance, within the ranges."""
         return sampled_processes(self._fit, self._covariance, count, seed)

@@ -37,6 +37,8 @@ class Record:
         Kept for those who want it; the fit needs control and measurement only.
     control_before : float, optional
         The control at which the process rested before the first instant, where that is known.
+    left_out : int
+        Rows of the source that had a gap and are not here.
 
     Examples
     --------
@@ -50,6 +52,7 @@ class Record:
     measurement: Floats
     setpoint: Floats | None = None
     control_before: float | None = None
+    left_out: int = 0
 
     def __post_init__(self) -> None:
         for name in ("time", "control", "measurement", "setpoint"):
@@ -102,4 +105,6 @@ class Record:
         inside = (self.time >= first) & (self.time <= last)
         setpoint = None if self.setpoint is None else self.setpoint[inside]
         before = self.control_before if inside[0] else None
-        return Record(self.time[inside], self.control[inside], self.measurement[inside], setpoint, before)
+        return Record(
+            self.time[inside], self.control[inside], self.measurement[inside], setpoint, before, self.left_out
+        )

@@ -1,0 +1,198 @@
+"""Signals in csv files, as historians, spreadsheets and control systems write them."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from fopid_core.errors import InputError
+from fopid_core.model.arrays import Floats
+
+NEEDED, OPTIONAL = ("time", "control", "measurement"), ("setpoint",)
+SYNONYMS = {"t": "time", "timestamp": "time", "op": "control", "pv": "measurement", "sp": "setpoint"}
+"""What else a header may call them, as control systems do."""
+SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+"""Units of time in a header."""
+MISSING = ("", "nan", "null", "none", "n/a", "na", "-")
+"""What stands in a cell without a value."""
+_EPOCH = 1e8  # times from here on count from 1970, not from the start of a record
+_UNITS_OF_EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
+
+
+@dataclass(frozen=True)
+class CsvSignals:
+    """What a csv file holds.
+
+    Attributes
+    ----------
+    values : mapping of str to ndarray, shape (n,)
+        By ``time`` [s], ``control``, ``measurement`` and, where it is there, ``setpoint``.
+    left_out : int
+        Rows without a value in one of these columns, which are not among the values.
+    """
+
+    values: dict[str, Floats]
+    left_out: int
+
+
+def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
+    """Read a csv file.
+
+    Separated by commas, semicolons or tabs; a decimal comma where commas do not separate; times in seconds, in the
+    unit of their header, as ISO 8601 or counted from 1970 (then from the first row on); a row of units after the
+    header, or no header at all; rows with a gap are left out.
+
+    Parameters
+    ----------
+    path : Path
+    columns : str, optional
+        ``PV,OP[,SP[,TIME]]``: the names in the header, or the numbers from 1 on, of measurement, control, setpoint and
+        time. Time is the column of that name, or the first.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, with the row and column.
+    """
+    rows, separator = _rows(path)
+    comma = separator != ","
+    headed = bool(rows) and not all(_is_value(cell, comma) for cell in rows[0])
+    header = [cell.strip() for cell in rows[0]] if headed else [str(i + 1) for i in range(len(rows[0]) if rows else 0)]
+    places = _asked(columns, header, path) if columns else _found(header, headed, path)
+    body = rows[1:] if headed else rows
+    if headed and body and not any(_is_value(cell, comma) for cell in body[0] if cell.strip()):
+        header = [f"{name} [{unit.strip()}]" if "[" not in name else name
+                  for name, unit in zip(header, body[0], strict=False)]  # fmt: skip
+        body = body[1:]
+    longer = next((number for number, row in enumerate(body, 1) if len(row) > len(header)), 0)
+    if longer:
+        raise InputError(
+            f"{len(body[longer - 1])} cells in data row {longer}; allowed: one for each of {len(header)} columns"
+        )
+    values = {name: _column(body, name, place, comma) for name, place in places.items()}
+    whole = np.logical_and.reduce([np.isfinite(column) for column in values.values()])
+    values = {name: column[whole] for name, column in values.items()}
+    values["time"] = _seconds(values["time"], header[places["time"]] if headed else "time")
+    return CsvSignals(values, int((~whole).sum()))
+
+
+def _rows(path: Path) -> tuple[list[list[str]], str]:
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        separator = next((mark for mark in ";\t" if lines and mark in lines[0]), ",")
+        return [row for row in csv.reader(lines, delimiter=separator) if any(cell.strip() for cell in row)], separator
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"record {str(path)!r} cannot be read: {error}") from None
+
+
+def _found(header: Sequence[str], headed: bool, path: Path) -> dict[str, int]:
+    """The columns by their names, or by their places where there is no header."""
+    if not headed and len(header) in (3, 4):
+        return {name: place for place, name in enumerate((*NEEDED, *OPTIONAL)[: len(header)])}
+    names = [_plain(name) for name in header]
+    missing = [name for name in NEEDED if name not in names]
+    if missing:
+        given = ", ".join(header) if header else "none"
+        raise InputError(
+            f"columns {given} of {str(path)!r}; allowed: a first line with {', '.join(NEEDED)}, or --columns PV,OP,SP"
+        )
+    twice = [name for name in (*NEEDED, *OPTIONAL) if names.count(name) > 1]
+    if twice:
+        raise InputError(f"columns {', '.join(header)} of {str(path)!r}; allowed: {twice[0]} once")
+    return {name: names.index(name) for name in (*NEEDED, *OPTIONAL) if name in names}
+
+
+def _asked(columns: str, header: Sequence[str], path: Path) -> dict[str, int]:
+    """The columns that somebody has named: PV,OP[,SP[,TIME]]."""
+    wanted = [name.strip() for name in columns.split(",")]
+    if not 2 <= len(wanted) <= 4 or not all(wanted):
+        raise InputError(f"columns {columns!r}; allowed: PV,OP or PV,OP,SP or PV,OP,SP,TIME")
+    places = {name: _place(given, header, path) for name, given in zip(("measurement", "control", "setpoint", "time"),
+                                                                       wanted, strict=False)}  # fmt: skip
+    if "time" not in places:
+        names = [_plain(name) for name in header]
+        places["time"] = names.index("time") if "time" in names else 0
+    return places
+
+
+def _place(given: str, header: Sequence[str], path: Path) -> int:
+    names = [name.lower() for name in header]
+    plain = [_split(name)[0] for name in names]
+    for known in (names, plain):
+        if known.count(given.lower()) == 1:
+            return known.index(given.lower())
+    if given.isdigit() and 1 <= int(given) <= len(header):
+        return int(given) - 1
+    raise InputError(
+        f"column {given!r} of {str(path)!r}; allowed: one of {', '.join(header)}, or a number from 1 to {len(header)}"
+    )
+
+
+def _split(name: str) -> tuple[str, str]:
+    """A column's name and its unit.
+
+    Examples
+    --------
+    >>> _split("Time [s]"), _split("Control (V)")
+    (('Time', 's'), ('Control', 'V'))
+    """
+    plain, _, unit = name.partition("(" if "(" in name else "[")
+    return plain.strip(), unit.strip(" )]")
+
+
+def _plain(name: str) -> str:
+    plain = _split(name)[0].lower()
+    return SYNONYMS.get(plain, plain)
+
+
+def _is_value(cell: str, comma: bool) -> bool:
+    return cell.strip().lower() in MISSING or not math.isnan(_number(cell, comma)) or _moment(cell) is not None
+
+
+def _number(cell: str, comma: bool) -> float:
+    try:
+        return float(cell.replace(",", ".") if comma else cell)
+    except ValueError:
+        return math.nan
+
+
+def _moment(cell: str) -> float | None:
+    """Seconds since 1970 of a time in ISO 8601; without an offset as if it were UTC."""
+    try:
+        moment = datetime.fromisoformat(cell.strip())
+    except ValueError:
+        return None
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def _column(rows: list[list[str]], name: str, place: int, comma: bool) -> Floats:
+    values = np.empty(len(rows))
+    for number, row in enumerate(rows):
+        cell = row[place] if place < len(row) else ""
+        if cell.strip().lower() in MISSING:
+            values[number] = math.nan
+            continue
+        value = _number(cell, comma)
+        moment = _moment(cell) if name == "time" and not math.isfinite(value) else None
+        if moment is None and not math.isfinite(value):
+            allowed = "seconds, or a time as 2026-01-31T12:00:00" if name == "time" else "a number"
+            raise InputError(f"{name} = {cell!r} in data row {number + 1}; allowed: {allowed}; leave out rows without")
+        values[number] = value if moment is None else moment
+    return values
+
+
+def _seconds(time: Floats, header: str) -> Floats:
+    """Times in seconds; those that count from 1970 begin at 0."""
+    unit = _split(header)[1].lower()
+    if time.size and abs(float(time[0])) >= _EPOCH:
+        factor = next((factor for least, factor in _UNITS_OF_EPOCHS if time[0] >= least), 1.0)
+        return np.asarray((time - time[0]) * factor)
+    if unit and unit not in SECONDS:
+        raise InputError(f"time in {unit}; allowed: {', '.join(SECONDS)}, as in 'time [s]'")
+    return np.asarray(time * SECONDS.get(unit, 1.0))
