@@ -8,6 +8,7 @@ from distutils.command.install_data import install_data  # isort: skip  (setupto
 EXECUTABLES = {
     "plant_simulator": "plant.node",
     "fopid_controller": "controller.node",
+    "fopid_loops": "controller.loops",
     "fopid_tuner": "tuner.node",
     "autotune": "tuner.autotune_command",
     "experiment": "experiment.command",

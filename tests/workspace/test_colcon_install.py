@@ -19,6 +19,7 @@ EXECUTABLES = (
     "experiment",
     "fopid_controller",
     "fopid_demo",
+    "fopid_loops",
     "fopid_ros_benchmark",
     "fopid_tuner",
     "plant_simulator",

@@ -76,6 +76,7 @@ def started(file: str) -> tuple[list[Any], list[Any]]:
         ("loop.launch.py", NODES),
         ("demo.launch.py", [*NODES, "experiment"]),
         ("controller.launch.py", ["fopid_controller", "fopid_tuner"]),
+        ("joints.launch.py", ["fopid_controller", "fopid_tuner"]),
     ],
 )
 def test_launch_files_start_executables_that_exist_and_describe_their_arguments(
@@ -84,6 +85,8 @@ def test_launch_files_start_executables_that_exist_and_describe_their_arguments(
     given |= {"process": "2/(s+1)^3", "params_file": "", "namespace": "hall"}
     if file.startswith("controller"):
         given["params_file"] = str(ROOT / "config/P1.yaml")
+    if file.startswith("joints"):
+        given |= {"params_file": str(ROOT / "config/arm.yaml"), "dof": "wrist"}
     declared, nodes = started(file)
     assert [node.kwargs["executable"] for node in nodes] == executables
     assert {node.kwargs["namespace"] for node in nodes} == {"hall"}

@@ -28,6 +28,7 @@ from fopid_msgs.msg import ScalarStamped
 from fopid_msgs.srv import Advance
 from fopid_ros.benchmarks.cpu import BareNode, node_cost, serve
 from fopid_ros.benchmarks.idle import LISTENERS, idle_costs
+from fopid_ros.benchmarks.many import joint_costs, loop_costs
 from fopid_ros.common.managed_node import loop_qos
 from fopid_ros.controller.node import ControllerNode
 from fopid_ros.experiment.child_processes import Children, command, ros_arguments
@@ -214,6 +215,13 @@ def measure(samples: int, seconds: float, console: Console) -> Table:
         cost, base = node_cost(GAINS, seconds, _until)
     name = "controller at 200 Hz, share of a core"
     table.add_row(name, f"{cost:.1%}", f"{base:.1%} (bare node with its traffic)", f"{cost / base:.2f}")
+    with console.status("measuring many joints and many loops"):
+        joints, loops = (costs(GAINS, 2.0 * seconds, _until) for costs in (joint_costs, loop_costs))
+    for base, what in (("one", "1 joint, one node"), ("single", "single loop")):
+        name, ratio = "7 joints at 200 Hz, one node, share of a core", f"{joints['seven'] / joints[base]:.2f}"
+        table.add_row(name, f"{joints['seven']:.1%}", f"{joints[base]:.1%} ({what})", ratio)
+    name, ratio = "20 loops at 50 Hz, one process, share of a core", f"{loops['loops'] / loops['bare']:.2f}"
+    table.add_row(name, f"{loops['loops']:.1%}", f"{loops['bare']:.1%} (20 bare nodes, one process)", ratio)
     with console.status("measuring the nodes that listen"):
         costs = idle_costs(GAINS, max(4.0 * seconds, 20.0), _until)
     for name, option in LISTENERS.items():

@@ -30,15 +30,15 @@ _TICKS = os.sysconf("SC_CLK_TCK")
 class BareNode(Node):
     """Subscribes and publishes what the controller does, at the same rate, and works nothing out."""
 
-    def __init__(self) -> None:
-        super().__init__("bare")
+    def __init__(self, namespace: str | None = None, period: float = PERIOD) -> None:
+        super().__init__("bare", namespace=namespace)
         for name in ("setpoint", "measurement", "feedforward", "manual_control"):
             qos = loop_qos(lockstep=False, reliable=name != "measurement")
             self.create_subscription(ScalarStamped, name, self._ignore, qos)
         self._control, self._state = ScalarStamped(), FopidState()
         self._control_publisher = self.create_publisher(ScalarStamped, "~/control", loop_qos(lockstep=False))
         self._state_publisher = self.create_publisher(FopidState, "~/state", QoSProfile(depth=10))
-        self.create_timer(PERIOD, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(period, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _ignore(self, message: ScalarStamped) -> None:
         pass
@@ -78,12 +78,14 @@ def cpu_seconds(process_id: int) -> float:
     return (int(fields[11]) + int(fields[12])) / _TICKS
 
 
-def serve(make_node: Callable[[], Node]) -> int:
+def serve(*makers: Callable[[], Node]) -> int:
     """Be another process of a measurement; its parent ends it."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
-    executor.add_node(make_node())
+    nodes = [make() for make in makers]
+    for node in nodes:
+        executor.add_node(node)
     executor.spin_until_future_complete(Future(), timeout_sec=LONGEST)
     return 0
 

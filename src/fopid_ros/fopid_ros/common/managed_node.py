@@ -96,8 +96,8 @@ class ManagedNode(GuardedNode, LifecycleNode):
     NAME: ClassVar[str]
     SPECS: ClassVar[tuple[Spec, ...]]
 
-    def __init__(self, context: Context | None = None) -> None:
-        super().__init__(self.NAME, context=context)
+    def __init__(self, context: Context | None = None, namespace: str | None = None) -> None:
+        super().__init__(self.NAME, namespace=namespace, context=context)
         self._specs = {spec.name: spec for spec in (*self.SPECS, AUTOSTART)}
         self.endpoints = Endpoints(self)
         self.background = Background(self)
@@ -307,35 +307,43 @@ def run(
 ) -> int:
     """Run a node until it is told to stop; the exit code of its process.
 
-    ``make`` makes it where its class depends on what the process was given.
-
-    Bad input ends with one line on stderr and exit code 2.
+    ``make`` makes it where its class depends on what the process was given. Bad input ends with one line on stderr and
+    exit code 2.
     """
     if {"-h", "--help"} & set(sys.argv[1:] if args is None else args):
         print(usage(node_class))
         return 0
+    return run_all([make or node_class], args)
+
+
+def run_all(makers: Sequence[Callable[[], ManagedNode]], args: Sequence[str] | None = None) -> int:
+    """Run several nodes in one process, on one executor, as ``run`` does one."""
     stop = StopSignal()
+    nodes: list[ManagedNode] = []
+    at = ""
     try:
         check_domain()
         remove_abandoned_segments()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        node = (make or node_class)()
+        for make in makers:
+            nodes.append(make())
+            if len(nodes) == 1:
+                log_warnings(nodes[0].get_logger().warning)
+        for node in nodes:
+            at = f"{node.get_fully_qualified_name()}: " if len(makers) > 1 else ""
+            node.start()
     except (InputError, InvalidNodeNameException, InvalidNamespaceException, RCLError) as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-        rclpy.try_shutdown()
-        return 2
-    log_warnings(node.get_logger().warning)
-    try:
-        node.start()
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        node.destroy_node()
+        print(f"error: {at}{' '.join(str(error).split())}", file=sys.stderr)
+        for node in nodes:
+            node.destroy_node()
         rclpy.try_shutdown()
         return 2
     try:
-        spin_until(stop, node)
+        spin_until(stop, *nodes)
     finally:
-        node.stop()
-        node.destroy_node()
+        for node in nodes:
+            node.stop()
+        for node in nodes:
+            node.destroy_node()
         rclpy.try_shutdown()
     return 0

@@ -73,12 +73,13 @@ def log_warnings(tell: Callable[[str], Any]) -> None:
     warnings.showwarning = show
 
 
-def spin_until(stop: StopSignal, node: Any) -> None:
-    """Spin in a thread of its own, so that signals are seen at once; raise what a callback raised."""
+def spin_until(stop: StopSignal, *nodes: Any) -> None:
+    """Spin nodes in a thread of its own, so that signals are seen at once; raise what a callback raised."""
     failure: list[BaseException] = []
     executor = EventsExecutor()
     stop.listen()  # the executor has taken the signals for itself
-    executor.add_node(node)
+    for node in nodes:
+        executor.add_node(node)
     stopped = Future()
 
     def spin() -> None:
@@ -92,8 +93,8 @@ def spin_until(stop: StopSignal, node: Any) -> None:
 
     thread = threading.Thread(target=spin, name="executor", daemon=True)
     thread.start()
-    _wait(stop.event, lambda: executor.create_task(node.restart_timers))
-    if node.cancel_work("the node is told to stop"):
+    _wait(stop.event, lambda: [executor.create_task(node.restart_timers) for node in nodes])
+    for node in [node for node in nodes if node.cancel_work("the node is told to stop")]:
         node.finish()
     stopped.set_result(None)
     executor.wake()

@@ -68,8 +68,8 @@ class ControllerNode(ManagedNode):
     _state_sent_ns = 0
     _parts_known = False
 
-    def __init__(self, context: Context | None = None) -> None:
-        super().__init__(context=context)
+    def __init__(self, context: Context | None = None, namespace: str | None = None) -> None:
+        super().__init__(context, namespace)
         try:
             self._memory = GainMemory(self)
         except InputError:

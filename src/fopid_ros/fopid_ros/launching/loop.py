@@ -41,8 +41,7 @@ def loop_parameters(process: str, params_file: str) -> dict[str, list[object]]:
         asked: list[object] = [{"process": name}] if name else []
         return _for_each([existing_file(params_file)], plant=asked, tuner=asked)
     if name in ("", *TEST_BENCH):
-        share = Path(get_package_share_directory("fopid_ros"), "config", f"{name or 'P1'}.yaml")
-        return _for_each([str(share)])
+        return _for_each([installed_config(name or "P1")])
     chosen = demo_experiment(name)
     if chosen.sample_time < FASTEST:
         raise InputError(
@@ -52,6 +51,11 @@ def loop_parameters(process: str, params_file: str) -> dict[str, list[object]]:
     timing = {"sample_time": min(chosen.sample_time, USUAL)}
     asked = [{**timing, "process": name}]
     return _for_each([], asked, [{**timing, **chosen.gains, "setpoint.initial": 1.0}], asked)
+
+
+def installed_config(name: str) -> str:
+    """The path of a parameter file that comes with the package."""
+    return str(Path(get_package_share_directory("fopid_ros"), "config", f"{name}.yaml"))
 
 
 def existing_file(params_file: str) -> str:

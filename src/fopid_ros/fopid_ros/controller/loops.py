@@ -1,0 +1,48 @@
+"""Many single loops in one process: ``fopid_loops NAMESPACE ...``, a controller in each namespace."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from rclpy._rclpy_pybind11 import UnknownROSArgsError
+from rclpy.utilities import remove_ros_args
+
+from fopid_ros.common.managed_node import ManagedNode, run_all
+from fopid_ros.controller.node import ControllerNode, ask_promptly_for_what_was_missed
+
+USAGE = """usage: fopid_loops NAMESPACE ... [--ros-args --params-file FILE -p NAME:=VALUE ...]
+
+Run a fopid_controller in each namespace, all in one process and on one executor: 20 loops need one interpreter and one
+participant of the network in place of 20. In a parameter file /NAMESPACE/fopid_controller is one of them and
+/**/fopid_controller all; each is a node by itself, as `fopid_controller --help` tells."""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point of the executable ``fopid_loops``."""
+    given = list(sys.argv if args is None else ["fopid_loops", *args])
+    try:
+        namespaces = remove_ros_args(given)[1:]
+    except UnknownROSArgsError as error:
+        print(f"error: {error} behind --ros-args; allowed: namespaces before it", file=sys.stderr)
+        return 2
+    if {"-h", "--help"} & set(namespaces):
+        print(USAGE)
+        return 0
+    doubled = [name for k, name in enumerate(namespaces) if name.strip("/") in _plain(namespaces[:k])]
+    if not namespaces or doubled or not all(_plain(namespaces)):
+        told = f"namespace {doubled[0]!r} is given twice" if doubled else f"namespaces = {namespaces}"
+        print(f"error: {told}; allowed: one and more, each once, as in fopid_loops left right", file=sys.stderr)
+        return 2
+    ask_promptly_for_what_was_missed()
+    makers: list[Callable[[], ManagedNode]] = [partial(ControllerNode, namespace=name) for name in namespaces]
+    return run_all(makers, given[1:])
+
+
+def _plain(namespaces: Sequence[str]) -> list[str]:
+    return [name.strip("/") for name in namespaces]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
