@@ -45,6 +45,7 @@ SPECS = (
 
 KEPT_ROWS = 12_000  # two minutes at 100 Hz
 MOST_MARKS = 50
+ORIGIN = "dashboard: by hand"  # of gains that a person sets here
 LONGEST_SHOWN = 80  # characters of what was sent, in a message about it
 LOOK_PERIOD = 0.5  # [s] between two looks at who is there
 MEETING_TIME = 1.0  # [s] a new publisher waits this long for somebody who listens
@@ -199,8 +200,10 @@ class DashboardNode(GuardedNode, Node):
 
     # What is done.
 
-    async def set_parameters_of_controller(self, values: Mapping[str, Any]) -> str:
+    async def set_parameters_of_controller(self, values: Mapping[str, Any], origin: str = ORIGIN) -> str:
         """Hand gains or the mode to the controller, all or none; what to tell the person.
+
+        Gains come with their ``origin``; empty for those that were in force before, of which the controller knows it.
 
         Raises
         ------
@@ -213,7 +216,8 @@ class DashboardNode(GuardedNode, Node):
         if unknown or not values:
             raise InputError(f"parameters = {_shown(sorted(values))}; allowed: {', '.join(GAINS)}, mode")
         numbers = {name: _number(name, value) for name, value in values.items() if name != "mode"}
-        await self.controller.set({**numbers, **({"mode": _text("mode", values["mode"])} if "mode" in values else {})})
+        mode = {"mode": _text("mode", values["mode"])} if "mode" in values else {}
+        await self.controller.set({**numbers, **mode, **({"gains.origin": origin} if numbers and origin else {})})
         return ", ".join(f"{name} = {value:.6g}" for name, value in numbers.items()) or f"mode = {values['mode']}"
 
     async def roll_back(self) -> str:
@@ -227,7 +231,7 @@ class DashboardNode(GuardedNode, Node):
         previous = self._undo.previous
         if previous is None:
             raise RefusedError("no earlier gains are known")
-        return await self.set_parameters_of_controller(previous)
+        return await self.set_parameters_of_controller(previous, origin="")
 
     async def tune(self, fields: Mapping[str, Any]) -> str:
         """Have the tuner work the gains out; its message, whatever the tuning came to.
