@@ -89,8 +89,8 @@ def learnt() -> IdentificationResult:
     return identify(Record(time, control, measured), "foptd")  # type: ignore[arg-type]
 
 
-def handover_of(running: Running, delay_margin_min: float = 2.0) -> GainUpdate:
-    controller = RunningController(OLD, SAMPLE_TIME, -math.inf, math.inf)
+def handover_of(running: Running, delay_margin_min: float = 2.0, sample_time: float = SAMPLE_TIME) -> GainUpdate:
+    controller = RunningController(OLD, sample_time, -math.inf, math.inf)
     criteria = AcceptanceCriteria(TuningRequest(read_process("P1")), RobustLimits(), delay_margin_min)
     loop: Any = running
     return GainUpdate(loop, loop, loop, controller, criteria)
@@ -205,6 +205,15 @@ def test_new_gains_are_watched_for_ten_response_times(learnt: IdentificationResu
     progress = [stage.progress for stage in running.stages]
     assert progress == sorted(progress)
     assert 0.6 < progress[0] < progress[-1] <= 1.0
+
+
+def test_new_gains_are_watched_for_sixty_ticks_at_least(learnt: IdentificationResult) -> None:
+    running = Running(lambda _: 1.0)
+    _, outcome = handed_over(running, learnt)
+    tick = 1.0 / outcome.tuned.tuning.achieved.crossover  # ten response times are twenty of these
+    handover_of(running, sample_time=tick).apply_and_monitor(outcome, quiet(), 0.01, 2.0)
+    watched = [stage for stage in running.stages if stage.phase == "watching"]
+    assert watched[0].remaining == pytest.approx(59.0 * tick)
 
 
 def test_a_controller_in_manual_mode_is_not_tuned() -> None:
