@@ -38,3 +38,12 @@ def test_ros_joint(folder: Path) -> None:
     assert "(running)" in told
     (report,) = (folder / "runs").glob("elbow-*/report.html")
     assert report.stat().st_size > 5000
+
+
+def test_step_test(folder: Path) -> None:
+    run(TUTORIALS / "step_test.md", folder)
+    page = (folder / "heater.html").read_text()
+    assert page.count("<img") == 3
+    for words in ("PID", "Standard form", "Series form", "Ti_min"):
+        assert words in page
+    assert (folder / "fit.png").stat().st_size > 10_000

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import control
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 import fopid_core as fopid
+from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 
 PLANT = "2/(s+1)^3 * exp(-0.2s)"
 GAINS = (0.4, 0.3, 0.3, 1.0, 0.9)
@@ -182,3 +184,14 @@ def test_a_process_goes_to_python_control_and_back() -> None:
     process = fopid.read_process("3/((s+1)(s+2))")
     there = fopid.to_transfer_function(process)
     assert fopid.from_control(there)(1j) == pytest.approx(process(1j))
+
+
+def test_filter_and_setpoint_weights_of_a_design_come_into_the_loop_and_into_the_simulation() -> None:
+    found = fopid.tune(PLANT, rule="simc-pi")
+    design = replace(found, filter=MeasurementFilter(1, 0.3), weights=SetpointWeights(0.2, 0.0))
+    assert found.controller is not None
+    assert fopid.margins(PLANT, design).ms > fopid.margins(PLANT, found).ms + 0.05
+    exact = fopid.step_response(PLANT, design, 20.0, points=2001).output
+    bare = fopid.simulate(PLANT, found, 20.0, delay_model="exact").measurement
+    assert float(np.abs(fopid.simulate(PLANT, design, 20.0, delay_model="exact").measurement - exact).max()) < 0.01
+    assert float(np.abs(bare - exact).max()) > 0.05

@@ -49,6 +49,7 @@ LINES = (
     f"certify P1 --gains {GAINS} --ms-max 4",
     "region P1 --orders 1,1 --points 20 --plot region.pdf",
     "identify record.csv --template foptd",
+    "design record.csv --columns measurement,control",
     "identify mcap --template foptd",
     "identify sqlite3 --template foptd",
     f"export --gains {GAINS} --out c",

@@ -145,7 +145,13 @@ def simulate(
     def of(kind: type) -> dict[str, Any]:
         return {name: value for name, value in settings.items() if name in known[kind]}
 
-    running = FopidController(ControllerSettings(loop.controller, sample_time, **of(ControllerSettings)))
+    designed: dict[str, Any] = {
+        "measurement_filter_order": loop.filter.order,
+        "measurement_filter_time": loop.filter.time,
+        "setpoint_weight": loop.weights.proportional,
+        "derivative_setpoint_weight": loop.weights.derivative,
+    }
+    running = FopidController(ControllerSettings(loop.controller, sample_time, **designed | of(ControllerSettings)))
     plant = Plant(PlantSettings(loop.process, sample_time, **of(PlantSettings)))
     return run(running, plant, samples, lambda _: setpoint, lambda _: disturbance)
 

@@ -82,7 +82,11 @@ def as_loop(process: ProcessLike | Loop, controller: ControllerLike | None = Non
         return process
     if controller is None:
         raise InputError("no controller; allowed: a process and a controller, or a loop")
-    return Loop(as_process(process), as_controller(controller))
+    numbers = as_controller(controller)
+    if hasattr(controller, "controller"):
+        tuned = cast("TuningResult", controller)  # filter and setpoint weights are part of a design
+        return Loop(as_process(process), numbers, tuned.filter, tuned.weights)
+    return Loop(as_process(process), numbers)
 
 
 def nearest(name: str, known: Sequence[str]) -> str:

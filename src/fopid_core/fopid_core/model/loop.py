@@ -34,6 +34,11 @@ class Loop:
     filter: MeasurementFilter = NO_FILTER
     weights: SetpointWeights = WHOLE_SETPOINT
 
+    def __repr__(self) -> str:
+        more = [f"filter={self.filter}"] if not self.filter.is_idle else []
+        more += [f"weights={self.weights}"] if self.weights != WHOLE_SETPOINT else []
+        return f"Loop({', '.join([repr(self.process), repr(self.controller), *more])})"
+
     def __call__(self, s: ArrayLike) -> Complexes:
         """L(s) = C(s) P(s) F(s)."""
         opened = self.controller(s) * self.process(s)
