@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -30,10 +28,3 @@ def test_it_is_what_the_controller_gives_at_its_first_tick(
     runs = FopidController(ControllerSettings(gains, sample_time=sample_time)).step(1.0, 0.0)
     size = abs(kp) + abs(ki) * sample_time**lam + abs(kd) * sample_time**-mu
     assert first_control(np.array([gains.gains]), sample_time)[0] == pytest.approx(runs, abs=2e-3 * size + 1e-12)
-
-
-@pytest.mark.parametrize("mu", [0.2, 0.5, 0.8, 1.0])
-def test_up_to_order_one_it_is_the_derivative_of_a_ramp(mu: float) -> None:
-    """D^mu of a ramp of slope 1/h is h^-mu / Gamma(2 - mu) after the time h."""
-    expected = 0.02**-mu / math.gamma(2.0 - mu)
-    assert first_control(np.array([[0.0, 0.0, 1.0, 1.0, mu]]), 0.02)[0] == pytest.approx(expected, rel=1e-3)

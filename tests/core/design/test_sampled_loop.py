@@ -145,11 +145,11 @@ def test_with_a_fast_tick_the_peak_is_that_of_the_ideal_loop() -> None:
 
 
 def test_a_design_that_is_fine_without_ticks_and_not_with_them_is_not_handed_to_a_controller() -> None:
-    result = tune(TuningRequest(read_process("1/(s(0.5s+1))"), method="time", sample_time=0.2))
+    result = tune(TuningRequest(read_process("1/(s(0.5s+1))"), method="time", sample_time=0.15))
     assert result.success
     assert result.achieved.ms < 1.1
     assert result.running.ms > 4.0
-    assert "as it runs" in rejection_reason(result, 0.2, ticks=0.0)
+    assert "as it runs" in rejection_reason(result, 0.15, ticks=0.0)
 
 
 def test_what_is_not_known_has_its_reason_and_no_number() -> None:

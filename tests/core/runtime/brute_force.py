@@ -8,6 +8,9 @@ from typing import Literal
 import numpy as np
 
 from fopid_core.model.fopid import Fopid
+from fopid_core.runtime.filter_bank import Band, integral_weights
+from fopid_core.runtime.operators import Operators
+from fopid_core.runtime.sampled_derivative import derivative_weights
 
 Kind = Literal["gruenwald", "linear"]
 
@@ -29,13 +32,11 @@ def integral_of_lines(order: float, h: float, count: int) -> np.ndarray:
     return second * h**order / gamma(order + 2.0)
 
 
-def derivative_of_lines(order: float, h: float, count: int) -> np.ndarray:
-    """The same for s^order with 0 <= order <= 1."""
-    if order == 1.0:
-        return gruenwald(1.0, h, count)
-    j = np.arange(count + 1.0)
-    steps = np.diff(j ** (1.0 - order))
-    return np.diff(steps, prepend=0.0) * h**-order / gamma(2.0 - order)
+def as_sampled(order: float, h: float, count: int) -> np.ndarray:
+    """What the derivative makes of a single 1: for what is done with its weights, not for the weights themselves."""
+    operators = Operators(band := Band.for_sample_time(h), h)
+    operators.set_weights(integral_weights(band, 1.0), derivative_weights(band, order, h))
+    return np.array([operators.push(0.0, float(k == 0))[1] for k in range(count)])
 
 
 class BruteForce:
@@ -57,7 +58,7 @@ class BruteForce:
             integral, derivative = gruenwald(-gains.lam, self.h, count), gruenwald(gains.mu, self.h, count)
         else:
             integral = integral_of_lines(gains.lam, self.h, count)
-            derivative = derivative_of_lines(gains.mu, self.h, count)
+            derivative = as_sampled(gains.mu, self.h, count)
         self.weights = gains.ki * integral + gains.kd * derivative
         self.weights[0] += gains.kp
 

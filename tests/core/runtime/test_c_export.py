@@ -60,11 +60,11 @@ def write(folder: Path, settings: ControllerSettings) -> None:
 
 @pytest.mark.parametrize("kind", CONTROLLERS)
 def test_every_control_agrees_with_limits_manual_hold_and_reset(kind: str, tmp_path: Path) -> None:
-    # The sums run in another order: rounding of 1e-16 times the size of the terms.
+    # The sums run in another order: rounding of 1e-16 times the size of the terms, third differences among them.
     write(tmp_path, CONTROLLERS[kind])
     calls, largest = compile_and_run(tmp_path, "loop_test.c").split(" calls, largest difference ")
     assert int(calls) > 400
-    assert float(largest) < 1e-11
+    assert float(largest) < 1e-10
 
 
 @pytest.mark.parametrize("kind", ["limits", "everything"])

@@ -38,7 +38,8 @@ typedef ${NAME}_REAL ${name}_real;
 /* All that the controller remembers. */
 typedef struct {
     ${name}_real lags[${NAME}_LAGS], area, error;                     /* of the integrated error */
-    ${name}_real washouts[${NAME}_LAGS], value, slope, unfiltered;    /* of the differentiated signal */
+    ${name}_real washouts[${NAME}_LAGS], value, slope, curvature;     /* of the differentiated signal, filtered */
+    ${name}_real unfiltered;                                          /* and not */
     ${name}_real origin, differentiated, shift;                       /* first measurement; raw signal; taken out of it */
     ${name}_real proportional, integral, derivative, feedforward;     /* the parts of the control */
     ${name}_real bias;                                                /* what bumpless changes left in the integral */
@@ -153,6 +154,7 @@ static inline void ${name}_correct(${name}_state *c, ${name}_real error)
     c->error += error;
     c->value += value;
     c->slope += slope;
+    c->curvature += slope / (${name}_real)${sample_time};
     c->unfiltered += error;
 }
 
@@ -163,12 +165,13 @@ static inline void ${name}_carry_on(${name}_state *c, ${name}_real integrated, $
                                + (${name}_real)${filter_from_new} * differentiated;
     const ${name}_real slope = (value - c->value) / (${name}_real)${sample_time};
     const ${name}_real curvature = (slope - c->slope) / (${name}_real)${sample_time};
+    const ${name}_real jerk = (curvature - c->curvature) / (${name}_real)${sample_time};
     ${name}_real integral, derivative;
     int i;
     c->area += (${name}_real)${half_step} * (c->error + integrated);
     integral = (${name}_real)${integral_area} * c->area + (${name}_real)${integral_direct} * integrated;
     derivative = (${name}_real)${derivative_direct} * value + (${name}_real)${derivative_slope} * slope
-                 + (${name}_real)${derivative_curvature} * curvature;
+                 + (${name}_real)${derivative_curvature} * curvature + (${name}_real)${derivative_jerk} * jerk;
     for (i = 0; i < ${NAME}_LAGS; i++) {
         c->lags[i] += ${name}_leak[i] * c->lags[i] + ${name}_from_last[i] * c->error + ${name}_from_new[i] * integrated;
         c->washouts[i] += ${name}_leak[i] * c->washouts[i] + ${name}_of_slope[i] * slope;
@@ -178,6 +181,7 @@ static inline void ${name}_carry_on(${name}_state *c, ${name}_real integrated, $
     c->error = integrated;
     c->value = value;
     c->slope = slope;
+    c->curvature = curvature;
     c->unfiltered = differentiated;
     c->integral = integral + c->bias;
     c->derivative = derivative;

@@ -1,7 +1,7 @@
 """The first control after a setpoint step, of the controller as it runs.
 
 The ideal controller answers a setpoint step with an infinite control as soon as it differentiates. The controller as it
-runs takes the error as linear between samples, so its first control is finite and linear in the gains.
+runs knows the error at its samples only, so its first control is finite and linear in the gains.
 """
 
 from __future__ import annotations
@@ -28,13 +28,12 @@ def first_control(gains: Real, sample_time: float) -> Real:
 
     Notes
     -----
-    kp + ki h^lam / Gamma(2 + lam) + kd h^-mu r(mu), where r(mu) is 1 / Gamma(2 - mu) up to mu = 1 and what the
-    controller's differences make of it above.
+    kp + ki h^lam / Gamma(2 + lam) + kd h^-mu r(mu), where r(mu) is the first weight of the sampled derivative.
 
     Examples
     --------
-    >>> float(first_control(np.array([[2.0, 1.0, 0.5, 1.0, 1.0]]), sample_time=0.1)[0])
-    7.05
+    >>> round(float(first_control(np.array([[2.0, 1.0, 0.5, 1.0, 1.0]]), sample_time=0.1)[0]), 2)
+    8.56
     """
     kp, ki, kd, lam, mu = gains.T[:5]
     h = sample_time
@@ -50,7 +49,7 @@ def _derivative_kick() -> Callable[[Real], Real]:
     orders = np.linspace(0.0, 2.0, 41)
     kicks = [FopidController(ControllerSettings(Fopid(0.0, 0.0, 1.0, 1.0, mu), 1.0)).step(1.0, 0.0) for mu in orders]
     fine = np.linspace(0.0, 2.0, 4001)
-    below, above = orders <= 1.0, orders >= 1.0  # the controller takes differences above 1: a kink
+    below, above = orders <= 1.0, orders >= 1.0  # noise is weighed otherwise above 1: a kink
     splines = [CubicSpline(orders[part], np.array(kicks)[part]) for part in (below, above)]
     table = np.where(fine <= 1.0, splines[0](fine), splines[1](fine))
     return lambda mu: np.interp(mu, fine, table)

@@ -21,7 +21,7 @@ from fopid_core.runtime.filter_bank import Vector
 from fopid_core.runtime.operators import Operators
 from fopid_core.runtime.settings import ControllerSettings
 
-_LOUDEST = 3.0  # echo of an excess, ticks later; of a derivative above 1 the next tick alone brings up to 2
+_LOUDEST = 4.0  # echo of an excess, ticks later; of a derivative of order 2 the next tick alone brings up to 2.7
 _FIRST_TICKS = 64  # in which an echo that dies away is loudest
 _FASTEST = 1.0 + 1e-6  # growth per tick: less than threefold in a million ticks
 

@@ -14,9 +14,10 @@ import numpy as np
 from fopid_core.errors import InputError
 from fopid_core.runtime.antiwindup import conditioning, direct_feedthrough, tracking_gain
 from fopid_core.runtime.controller import FopidController
-from fopid_core.runtime.filter_bank import derivative_weights, integral_weights
+from fopid_core.runtime.filter_bank import integral_weights
 from fopid_core.runtime.measurement_filter import FilterStep
 from fopid_core.runtime.operators import Operators
+from fopid_core.runtime.sampled_derivative import DIFFERENCES, derivative_weights
 from fopid_core.runtime.settings import ControllerSettings
 
 NO_LIMIT = 1e30
@@ -79,7 +80,9 @@ def c_test(settings: ControllerSettings, name: str = "fopid_controller", ticks: 
 def _numbers_of_operators(settings: ControllerSettings) -> dict[str, object]:
     band, gains = settings.active_band, settings.gains
     operators = Operators(band, settings.sample_time, settings.derivative_filter_time)
-    integral, derivative = integral_weights(band, gains.lam), derivative_weights(band, gains.mu)
+    integral = integral_weights(band, gains.lam)
+    derivative = derivative_weights(band, gains.mu, settings.sample_time, settings.derivative_filter_time)
+    direct, slope, curvature, jerk = gains.kd * derivative.differences
     operators.set_weights(integral, derivative)
     conditioned = not settings.tracking_time and conditioning(operators, gains) is not None
     gain = direct_feedthrough(operators, gains)
@@ -92,9 +95,10 @@ def _numbers_of_operators(settings: ControllerSettings) -> dict[str, object]:
         "from_last": operators.matrix[: len(p), operators.integrated - 1], "from_new": operators.matrix[: len(p), -2],
         "integral_weights": gains.ki * integral.lags, "derivative_weights": gains.kd * derivative.washouts,
         "integral_area": gains.ki * integral.integrator, "integral_direct": gains.ki * integral.direct,
-        "derivative_direct": gains.kd * derivative.direct, "derivative_slope": gains.kd * derivative.slope,
-        "derivative_curvature": gains.kd * derivative.curvature,
-        "filter_decay": operators.matrix[value, value], "filter_from_last": operators.matrix[value, value + 3],
+        "derivative_direct": direct, "derivative_slope": slope, "derivative_curvature": curvature,
+        "derivative_jerk": jerk,
+        "filter_decay": operators.matrix[value, value],
+        "filter_from_last": operators.matrix[value, value + DIFFERENCES],
         "filter_from_new": operators.matrix[value, -1],
         "integrates": str(int(gains.ki != 0.0 and gains.lam > 0.0)),
         "conditioned": str(int(conditioned)), "error_per_excess": 1.0 / gain if conditioned else 0.0,

@@ -11,10 +11,11 @@ from typing import Literal, get_args
 
 from fopid_core.errors import InputError
 from fopid_core.runtime.antiwindup import conditioning, direct_feedthrough, setpoint_feedthrough, tracking_gain
-from fopid_core.runtime.filter_bank import Band, derivative_weights, integral_weights
+from fopid_core.runtime.filter_bank import Band, integral_weights
 from fopid_core.runtime.measurement_filter import RunningFilter
 from fopid_core.runtime.operators import Operators
 from fopid_core.runtime.reading import Reading
+from fopid_core.runtime.sampled_derivative import derivative_weights
 from fopid_core.runtime.settings import LARGEST, LOWEST, AntiWindup, ControllerSettings, with_gains
 
 __all__ = ["AntiWindup", "ControllerSettings", "ControllerState", "FopidController", "Mode", "with_gains"]
@@ -334,7 +335,8 @@ class FopidController:
         self._settings, gains, band = settings, settings.gains, settings.active_band
         self._provide_operators(settings)
         operators = self._operators
-        operators.set_weights(integral_weights(band, gains.lam), derivative_weights(band, gains.mu))
+        derivative = derivative_weights(band, gains.mu, settings.sample_time, settings.derivative_filter_time)
+        operators.set_weights(integral_weights(band, gains.lam), derivative)
         self._kp, self._ki, self._kd = gains.kp, gains.ki, gains.kd
         self._integrates = gains.ki != 0.0 and gains.lam > 0.0
         self._off_proportional = 1.0 - settings.setpoint_weight

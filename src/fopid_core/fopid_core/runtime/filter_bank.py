@@ -2,7 +2,8 @@
 
 On a band of frequencies s^-a with 0 < a < 1 is a weighted sum of lags 1/(s + p) with fixed, logarithmically
 spaced poles p, an integrator and a direct term; only the weights depend on a. What the lags remember is therefore
-good for every order: new numbers change how it is read, not what it holds.
+good for every order: new numbers change how it is read, not what it holds. Derivatives read the same lags; their
+weights are in ``sampled_derivative``.
 """
 
 from __future__ import annotations
@@ -99,16 +100,6 @@ class IntegralWeights:
     direct: float
 
 
-@dataclass(frozen=True)
-class DerivativeWeights:
-    """s^mu v = washouts @ [s/(s + p) v] + direct * v + slope * v' + curvature * v''."""
-
-    washouts: Vector
-    direct: float
-    slope: float
-    curvature: float
-
-
 @lru_cache(maxsize=256)
 def integral_weights(band: Band, order: float) -> IntegralWeights:
     """The reading that makes s^-order, with 0 <= order <= 2.
@@ -124,38 +115,16 @@ def integral_weights(band: Band, order: float) -> IntegralWeights:
     if order == 0.0:
         return IntegralWeights(0.0, none, 1.0)
     if order < 1.0:
-        return IntegralWeights(*_fit(band, order, integrator=True))
+        return IntegralWeights(*fractional_weights(band, order, integrator=True))
     if order == 1.0:
         return IntegralWeights(1.0, none, 0.0)
     # s^-order = 1/s * s^-(order-1), and 1/s * 1/(s+p) = (1/s - 1/(s+p)) / p
-    _, lags, direct = _fit(band, order - 1.0, integrator=False)
+    _, lags, direct = fractional_weights(band, order - 1.0, integrator=False)
     over_poles = lags / band.lag_poles()
     return IntegralWeights(float(over_poles.sum()) + direct, -over_poles, 0.0)
 
 
-@lru_cache(maxsize=256)
-def derivative_weights(band: Band, order: float) -> DerivativeWeights:
-    """The reading that makes s^order, with 0 <= order <= 2.
-
-    Examples
-    --------
-    >>> derivative_weights(Band(1e-3, 1e3, 14), 1.0).slope
-    1.0
-    """
-    if order in (0.0, 1.0, 2.0):
-        return DerivativeWeights(
-            np.zeros(band.poles + 1), float(order == 0.0), float(order == 1.0), float(order == 2.0)
-        )
-    if order < 1.0:
-        # s * (c/s + sum w/(s+p) + d) = c + sum w s/(s+p) + d s
-        c, w, d = _fit(band, 1.0 - order, integrator=True)
-        return DerivativeWeights(w, c, d, 0.0)
-    # s^2 * (c/s + sum w/(s+p) + d) = c s + sum w (s - p s/(s+p)) + d s^2
-    c, w, d = _fit(band, 2.0 - order, integrator=True)
-    return DerivativeWeights(-w * band.lag_poles(), 0.0, c + float(w.sum()), d)
-
-
-def _fit(band: Band, a: float, *, integrator: bool) -> tuple[float, Vector, float]:
+def fractional_weights(band: Band, a: float, *, integrator: bool) -> tuple[float, Vector, float]:
     """Weights of integrator, lags and direct term for s^-a: least squares of the relative error."""
     decades = math.log10(band.high / band.low)
     s = 1j * np.geomspace(band.low, band.high, max(50, int(_POINTS_PER_DECADE * decades)))
@@ -163,10 +132,17 @@ def _fit(band: Band, a: float, *, integrator: bool) -> tuple[float, Vector, floa
     # Either the integrator or the slow lag stands for what lies below the band: both would be alike on it.
     below = 1.0 / s if integrator else 1.0 / (s + poles[0])
     columns = np.stack([below, *(1.0 / (s + p) for p in poles[1:]), np.ones_like(s)], axis=1)
-    relative = columns * (s**a)[:, np.newaxis]
-    system = np.concatenate([relative.real, relative.imag])
-    target = np.concatenate([np.ones(len(s)), np.zeros(len(s))])
-    scale = np.linalg.norm(system, axis=0)
-    weights = np.linalg.lstsq(system / scale, target, rcond=1e-13)[0] / scale
+    weights = least_squares(columns * (s**a)[:, np.newaxis], np.ones(len(s), dtype=complex))
     lags = np.concatenate([[0.0 if integrator else weights[0]], weights[1:-1]])
     return (float(weights[0]) if integrator else 0.0), lags, float(weights[-1])
+
+
+def least_squares(columns: NDArray[np.complex128], target: NDArray[np.complex128], alike: float = 1e-13) -> Vector:
+    """Real weights whose sum of columns, shape (n, weights), is nearest to the target, shape (n,).
+
+    Columns that differ by less than ``alike`` of their size count as one: their weights would cancel.
+    """
+    system = np.concatenate([columns.real, columns.imag])
+    scale = np.linalg.norm(system, axis=0)
+    weights = np.linalg.lstsq(system / scale, np.concatenate([target.real, target.imag]), rcond=alike)[0]
+    return np.asarray(weights / scale)

@@ -69,7 +69,7 @@ class RunningFilter:
     >>> slow = RunningFilter(MeasurementFilter(2, 1.0), sample_time=0.5)
     >>> slow.rest_at(3.0)
     >>> slow.push(3.0), round(slow.push(4.0), 4)
-    (3.0, 3.0702)
+    (3.0, 3.0646)
     """
 
     def __init__(self, wanted: MeasurementFilter, sample_time: float) -> None:

@@ -5,13 +5,13 @@ Both signals are taken as linear between samples, for which every lag is discret
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fopid_core.runtime.filter_bank import Band, DerivativeWeights, IntegralWeights, Vector
+from fopid_core.runtime.filter_bank import Band, IntegralWeights, Vector
+from fopid_core.runtime.sampled_derivative import DIFFERENCES, DerivativeWeights, lag_weights, ramp_share
 
 Matrix = NDArray[np.float64]
 
@@ -23,8 +23,8 @@ class Operators:
     """What the controller remembers of its signals, and how that is read.
 
     Remembered of the integrated signal v: its lags, its area and its last value. Of the differentiated signal w: the
-    washouts s/(s + p) w, value, slope and curvature, all of them behind its filter, and its last value before the
-    filter. One product carries all that on and reads it:
+    washouts s/(s + p) w, value, slope and the slopes of that, all of them behind its filter, and its last value before
+    the filter. One product carries all that on and reads it:
 
         [remembered; 0; integral; derivative]  <-  matrix @ [remembered; correction; new v; new w]
 
@@ -51,17 +51,18 @@ class Operators:
 
     Examples
     --------
-    >>> from fopid_core.runtime.filter_bank import derivative_weights, integral_weights
+    >>> from fopid_core.runtime.filter_bank import integral_weights
+    >>> from fopid_core.runtime.sampled_derivative import derivative_weights
     >>> band = Band(1e-2, 1e2, 10)
     >>> operators = Operators(band, sample_time=0.5)
-    >>> operators.set_weights(integral_weights(band, 1.0), derivative_weights(band, 1.0))
+    >>> operators.set_weights(integral_weights(band, 1.0), derivative_weights(band, 0.0, sample_time=0.5))
     >>> operators.push(2.0, 3.0)
-    [0.5, 6.0]
+    [0.5, 3.0]
     """
 
     def __init__(self, band: Band, sample_time: float, filter_time: float = 0.0) -> None:
         integral = _integrated(band, sample_time)
-        derivative = _differentiated(band, sample_time, _filter_weights(sample_time, filter_time))
+        derivative = _differentiated(band, sample_time, lag_weights(filter_time, sample_time))
         n, m = len(integral), len(derivative)
         self.integrated, self.size = n, n + m
         self.matrix = np.zeros((n + m + 3, n + m + 3), order="F")
@@ -88,7 +89,7 @@ class Operators:
             By how much the differentiated signal must be lower from now on to go on from there.
         """
         self._now[:] = other._now
-        before, after = self._now[self.size - 1], self._now[self.size - 4]
+        before, after = self._now[self.size - 1], self._now[self.size - 1 - DIFFERENCES]
         self._now[self.size - 1] = after
         return float(before - after)
 
@@ -102,7 +103,7 @@ class Operators:
         """Read by these from now on; what is remembered stays."""
         n, weights = self.integrated, np.zeros_like(self.weights)
         weights[0, :n] = [*integral.lags, integral.integrator, integral.direct]
-        weights[1, n:-1] = [*derivative.washouts, derivative.direct, derivative.slope, derivative.curvature]
+        weights[1, n:-1] = [*derivative.washouts, *derivative.differences]
         self.set_reading(weights)
 
     def set_reading(self, weights: Matrix) -> None:
@@ -153,7 +154,7 @@ def _integrated(band: Band, h: float) -> Matrix:
     """[lags, area, value] after a tick, as a matrix on [lags, area, value, new value]."""
     p = band.lag_poles()
     n = len(p)
-    from_new = _ramp_share(p * h) * h
+    from_new = ramp_share(p * h) * h
     matrix = np.zeros((n + 2, n + 3))
     matrix[:n, :n] = np.diag(np.exp(-p * h))
     matrix[:n, n + 1] = -np.expm1(-p * h) / p - from_new
@@ -164,34 +165,16 @@ def _integrated(band: Band, h: float) -> Matrix:
 
 
 def _differentiated(band: Band, h: float, filter_weights: tuple[float, float, float]) -> Matrix:
-    """[washouts, value, slope, curvature, unfiltered] after a tick, as a matrix on the same and the new value."""
+    """[washouts, differences, unfiltered value] after a tick, as a matrix on the same and the new value."""
     p = band.lag_poles()
-    n = len(p)
-    decay, from_last, from_new = filter_weights
-    value = np.array([decay, 0.0, 0.0, from_last, from_new])
-    slope = (value - [1.0, 0.0, 0.0, 0.0, 0.0]) / h
-    matrix = np.zeros((n + 4, n + 5))
+    n, last = len(p), len(p) + DIFFERENCES
+    matrix = np.zeros((last + 1, last + 2))
+    matrix[n, [n, last, last + 1]] = filter_weights
+    for row in range(n + 1, last):
+        matrix[row] = matrix[row - 1] / h
+        matrix[row, row - 1] -= 1.0 / h
+    slope = matrix[n + 1]
+    matrix[:n] = np.outer(-np.expm1(-p * h) / p, slope)  # a washout of w is a lag of w', constant between samples
     matrix[:n, :n] = np.diag(np.exp(-p * h))
-    matrix[:n, n:] = np.outer(-np.expm1(-p * h) / p, slope)  # a washout of w is a lag of w', constant between samples
-    matrix[n, n:] = value
-    matrix[n + 1, n:] = slope
-    matrix[n + 2, n:] = (slope - [0.0, 1.0, 0.0, 0.0, 0.0]) / h
-    matrix[n + 3, n + 4] = 1.0
+    matrix[last, last + 1] = 1.0
     return matrix
-
-
-def _filter_weights(h: float, filter_time: float) -> tuple[float, float, float]:
-    """Of a first-order lag's last output, last input and new input."""
-    if filter_time == 0.0:
-        return 0.0, 0.0, 1.0
-    ratio = h / filter_time
-    decay, from_new = math.exp(-ratio), ratio * float(_ramp_share(np.array([ratio]))[0])
-    return decay, 1.0 - decay - from_new, from_new
-
-
-def _ramp_share(ph: Vector) -> Vector:
-    """(ph - 1 + exp(-ph)) / ph^2: what a lag keeps, per sample time, of an input that ramps from 0 to 1."""
-    small = ph < 1e-3
-    safe = np.where(small, 1.0, ph)
-    series = 0.5 - ph / 6.0 + ph**2 / 24.0
-    return np.where(small, series, (safe + np.expm1(-safe)) / safe**2)
