@@ -19,6 +19,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fopid_core.api.comparing import compare
     from fopid_core.api.learning import identify, reduce, tune
     from fopid_core.api.looking import evaluate, margins, simulate, stability, step_response
     from fopid_core.design.specification import Bound
@@ -37,6 +38,7 @@ _HOME = {
     "InputError": "errors",
     "Loop": "model.loop",
     "Process": "model.process",
+    "compare": "api.comparing",
     "evaluate": "api.looking",
     "from_control": "model.rational",
     "identify": "api.learning",
@@ -60,6 +62,7 @@ __all__ = [
     "InputError",
     "Loop",
     "Process",
+    "compare",
     "evaluate",
     "from_control",
     "identify",

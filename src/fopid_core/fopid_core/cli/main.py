@@ -17,6 +17,7 @@ import click
 
 from fopid_core.cli.campaign import campaign_verb
 from fopid_core.cli.certify import certify_verb
+from fopid_core.cli.compare import compare_verb
 from fopid_core.cli.design import design_verb
 from fopid_core.cli.export import export_verb
 from fopid_core.cli.extras import missing
@@ -85,6 +86,7 @@ main.add_command(design_verb)
 main.add_command(export_verb)
 main.add_command(simulate_verb)
 main.add_command(certify_verb)
+main.add_command(compare_verb)
 main.add_command(campaign_verb)
 
 

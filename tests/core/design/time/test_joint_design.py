@@ -64,6 +64,7 @@ def test_a_load_index_of_a_loop_that_does_not_swing_is_one_over_ki() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_both_steps_are_weighed() -> None:
     setpoint, load = (design("pid", input=source).cost for source in ("setpoint", "load"))
     both = design("pid", input="both")
@@ -74,6 +75,7 @@ def test_both_steps_are_weighed() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_more_freedom_never_costs_more() -> None:
     costs = [design(name).cost for name in ("pi", "pid", "fopid")]
     assert costs == sorted(costs, reverse=True)
@@ -108,6 +110,7 @@ def independent_cost(x: np.ndarray) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_another_optimiser_on_another_simulation_finds_nothing_better() -> None:
     found = design("pid")
     x = np.log([found.controller.kp, found.controller.ki, found.controller.kd, found.filter.time])
@@ -118,6 +121,7 @@ def test_another_optimiser_on_another_simulation_finds_nothing_better() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_noise_of_a_density_and_the_rate_of_the_control_are_bounded() -> None:
     asked = TuningRequest(
         read_process("P1"), "time", index="iae", input="both", structure="pid", filter_order=2, horizon=HORIZON,
@@ -149,6 +153,7 @@ def test_differential_evolution_by_name_arrives_at_the_same() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_of_designs_that_cost_nearly_the_same_the_simpler_one_is_preferred_and_it_is_said() -> None:
     found = tune(TuningRequest(Process.parse("1/(s+1)*exp(-5s)"), "time", index="iae", input="load"))
     best = tune(TuningRequest(Process.parse("1/(s+1)*exp(-5s)"), "time", index="iae", input="load", structure="fopid"))

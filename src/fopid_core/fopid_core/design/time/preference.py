@@ -6,7 +6,6 @@ controllers, and is what one would rather look after. So simpler ones are tried,
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -79,7 +78,7 @@ def _candidates(
     if asked:
         return  # whoever names numbers has chosen
     for name in SIMPLER:
-        if best.simpler.get(name, math.inf) <= (1.0 + HOPEFUL) * best.cost:
+        if name in best.simpler and best.simpler[name][0] <= (1.0 + HOPEFUL) * best.cost:
             yield name, _with(specification, STRUCTURES[name])
     lam, mu = best.controller.lam, best.controller.mu
     near = {name: 1.0 for name, order in (("lam", lam), ("mu", mu)) if abs(order - 1.0) <= NEAR_ONE}

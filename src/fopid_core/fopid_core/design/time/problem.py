@@ -33,7 +33,7 @@ BANDS = 12
 """A largest value counts as one for each of so many bands: each is smooth in the gains where their maximum is not."""
 LEAST_ORDER = 0.05
 """Of an integral and of a derivative."""
-FILTER_TIMES = (1e-3, 3.0)
+FILTER_TIMES = (1e-2, 3.0)
 """Of the filter of the measurement, in units of the process's time."""
 FILTER_SCALE = 0.1
 """What a filter's time is measured in, in these units."""

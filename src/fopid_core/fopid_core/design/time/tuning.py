@@ -9,7 +9,7 @@ by the argument principle on the process itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -70,8 +70,11 @@ class TimeDesign:
         Free numbers that end on the edge of their range.
     filter, weights
         Of the measurement and of the setpoint.
+    variables : ndarray, shape (5,) or (8,)
+        All that was chosen, as a search begins from it.
     simpler : mapping
-        What the best controllers of simpler structures cost, roughly, bounds that they break included.
+        For each simpler structure what its best controller costs, roughly, bounds that it breaks included, and its
+        variables.
     """
 
     controller: Fopid
@@ -85,7 +88,8 @@ class TimeDesign:
     at_edge: tuple[str, ...]
     filter: MeasurementFilter = NO_FILTER
     weights: SetpointWeights = WHOLE_SETPOINT
-    simpler: Mapping[str, float] = field(default_factory=dict)
+    variables: Real = field(default_factory=lambda: np.zeros(0))
+    simpler: Mapping[str, tuple[float, Real]] = field(default_factory=dict)
 
 
 def tune_time(
@@ -96,6 +100,7 @@ def tune_time(
     seed: int = 0,
     progress: Progress | None = None,
     expired: Expired | None = None,
+    near: Sequence[Real] = (),
 ) -> TimeDesign | None:
     """The controller with the lowest cost under the bounds.
 
@@ -112,6 +117,8 @@ def tune_time(
         Of the starts; the same seed gives the same answer.
     progress, expired : callable, optional
         Called with the share done; asked whether to stop with the best found so far.
+    near : sequence of ndarray
+        Variables of designs to begin from and from nothing else: quick, where the best is known to lie near one.
 
     Returns
     -------
@@ -129,7 +136,9 @@ def tune_time(
     """
     search = _Search(process, specification, solver, seed, progress or no_progress, expired or (lambda: False))
     problem = TimeProblem(process, specification)
-    found = search.run(problem, _first_rows(problem, start))
+    first = _first_rows(problem, start)
+    rows = np.array([*first, *near]) if near else first
+    found = search.run(problem, rows, polish_only=bool(near), followed=max(len(near), 1))
     while found:
         better = _better_problem(problem, found[0])
         if better is None or search.expired():
@@ -201,6 +210,7 @@ def _answer(problem: TimeProblem, found: Descent, evaluations: int) -> TimeDesig
         at_edge=problem.at_edge(found.gains),
         filter=loop.filter,
         weights=loop.weights,
+        variables=found.gains,
     )
 
 
@@ -219,10 +229,10 @@ class _Search:
         self.process, self.specification, self.solver = process, specification, solver
         self.seed, self.expired = seed, expired
         self.evaluations = 0
-        self.simpler: dict[str, float] = {}
+        self.simpler: dict[str, tuple[float, Real]] = {}
         self._report, self._share = report, 0.0
 
-    def run(self, problem: TimeProblem, rows: Real, polish_only: bool = False) -> list[Descent]:
+    def run(self, problem: TimeProblem, rows: Real, polish_only: bool = False, followed: int = 1) -> list[Descent]:
         """The best stable designs found from some rows of gains and, unless polishing, from many others."""
         rows = np.clip(rows, *problem.box.T)
         begun = begin(problem, rows[problem.stable(rows)]) if len(rows) else []
@@ -235,15 +245,15 @@ class _Search:
             begun += sorted(drawn, key=_merit)[:BEGUN] + self._simpler_optima(problem, others)
         if not begun:
             return []
-        ended = begun if stochastic else self._ended(problem, begun, polish_only)
+        ended = begun if stochastic else self._ended(problem, begun, followed if polish_only else 0)
         self.evaluations += problem.evaluations
         ended = sorted([*ended, *begun], key=_merit)
         stable = problem.stable(np.array([descent.gains for descent in ended]))
         return _different([descent for descent, holds in zip(ended, stable, strict=True) if holds])
 
-    def _ended(self, problem: TimeProblem, begun: list[Descent], polish_only: bool) -> list[Descent]:
+    def _ended(self, problem: TimeProblem, begun: list[Descent], polished: int) -> list[Descent]:
         by_simplex = self.solver == "nelder-mead" or not self.specification.objective.is_integral
-        return self._simplex(problem, begun) if by_simplex else self._descend(problem, begun, polish_only)
+        return self._simplex(problem, begun) if by_simplex else self._descend(problem, begun, polished)
 
     def _simpler_optima(self, problem: TimeProblem, others: Starts) -> list[Descent]:
         """The best controllers of each simpler structure, as starts for the whole problem."""
@@ -257,7 +267,7 @@ class _Search:
                 begun = [descend(simpler, descent, LAST_STEPS, expired=self.expired) for descent in begun]
             if begun:
                 best = min(begun, key=_merit)
-                self.simpler[name] = best.merit
+                self.simpler[name] = best.merit, best.gains
                 found += [replace(fresh(best), gains=row) for row in with_idle_orders(problem, best.gains)]
             self.evaluations += simpler.evaluations
         return [d for d in found if problem.stable(d.gains[None])[0]]
@@ -267,16 +277,17 @@ class _Search:
         self._share = max(self._share, share)
         self._report(self._share, what)
 
-    def _descend(self, problem: TimeProblem, begun: list[Descent], polish_only: bool) -> list[Descent]:
+    def _descend(self, problem: TimeProblem, begun: list[Descent], polished: int) -> list[Descent]:
+        """Down from some designs: the best few to the end, or so many at once where they are only to be polished."""
         begun = sorted(begun, key=_merit)
-        under_way = begun if polish_only else []
-        for i, descent in enumerate(begun if not polish_only else []):
+        under_way = begun if polished else []
+        for i, descent in enumerate([] if polished else begun):
             best = f"best cost so far {min(under_way, key=_merit).cost:.5g}" if under_way else ""
             self.report(0.4 + 0.3 * i / len(begun), f"descending from start {i + 1} of {len(begun)} {best}")
             under_way.append(descend(problem, descent, FIRST_STEPS, expired=self.expired))
         under_way.sort(key=_merit)
         self.report(0.7, f"finishing the best, cost {under_way[0].cost:.5g}")
-        followed = 1 if polish_only else FOLLOWED
+        followed = polished or FOLLOWED
         return [self._finished(problem, descent) for descent in under_way[:followed]] + under_way[followed:]
 
     def _finished(self, problem: TimeProblem, descent: Descent) -> Descent:
