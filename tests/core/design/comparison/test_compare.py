@@ -111,6 +111,7 @@ def comparison(process: str) -> Comparison:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("process", ["P1", "P2", "P3", "P4"])
 def test_on_the_test_bench_every_method_has_its_row_and_the_taken_one_keeps_the_bounds(process: str) -> None:
     found = comparison(process)
@@ -131,6 +132,7 @@ def test_on_the_test_bench_every_method_has_its_row_and_the_taken_one_keeps_the_
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_verb_gives_one_object_and_a_page(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     result = invoke(["compare", "1/(s+1)*exp(-0.5s)", "--prefer", "load", "--page", str(page), "--json"])
