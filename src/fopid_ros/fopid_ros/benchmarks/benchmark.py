@@ -172,6 +172,7 @@ def ticking_controller(stamps: list[int]) -> Node:
         publish(control, stamp_ns)
 
     node.publish_control = noted
+    node.set_parameters([Parameter("allow_zero_gains", value=True)])
     node.start()
     return node
 
