@@ -63,6 +63,26 @@ def test_a_bad_start_is_one_line_that_names_the_input(
     assert "Traceback" not in ended.stderr
 
 
+@pytest.mark.parametrize(
+    ("executable", "arguments", "said"),
+    [
+        (
+            "fopid_controller",
+            ["--kp", "2"],
+            "argument '--kp'; allowed: --help, and parameters as in --ros-args -p kp:=V",
+        ),
+        ("plant_simulator", ["P1", "--ros-args", "-p", "seed:=1"], "argument 'P1'"),
+        ("fopid_tuner", ["--ros-args", "--", "--process=P1"], "-p process:=VALUE"),
+    ],
+)
+def test_an_argument_that_a_node_does_not_have_is_refused(
+    executable: str, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert importlib.import_module(MODULES[executable]).main(arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+
+
 @pytest.mark.parametrize("domain", ["233", "abc"])
 def test_a_domain_that_cannot_be_used_is_named(graph: Graph, domain: str) -> None:
     environment = {**graph.environment, "ROS_DOMAIN_ID": domain}

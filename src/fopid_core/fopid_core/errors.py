@@ -5,6 +5,8 @@ Every message names the input, its value and what is allowed, in one line.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class InputError(ValueError):
     """An input that cannot be used."""
@@ -34,3 +36,18 @@ class ExpressionError(InputError):
     def pointer(self) -> str:
         """Two lines: the text, and a caret under the character that does not fit."""
         return f"{self.text}\n{' ' * self.position}^"
+
+
+def did_you_mean(given: str, known: Iterable[str]) -> str:
+    """The nearest of the names that are known, as the end of a message; empty where none is near.
+
+    Examples
+    --------
+    >>> did_you_mean("ITAE", ["iae", "itae"]), did_you_mean("--phasemargin", ["--phase-margin"])
+    ('; did you mean itae?', '; did you mean --phase-margin?')
+    """
+    from difflib import get_close_matches
+
+    lower = {name.lower(): name for name in known}
+    found = get_close_matches(given.lower(), lower, 1, 0.6)
+    return f"; did you mean {lower[found[0]]}?" if found and lower[found[0]] != given else ""

@@ -161,3 +161,21 @@ def test_the_controllers_path_imports_no_heavy_library() -> None:
     code = "import sys, fopid_core.model.fopid; print([m for m in ('scipy', 'control', 'lark') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("reduce p1", "did you mean P1?"),
+        ("tune time P1 --index ITAE", "did you mean itae?"),
+        ("tune frequency P1 --phasemargin 60", "no option --phasemargin;"),
+        ("tune frequency --phasemargin=60 P1", "did you mean --phase-margin?"),
+        ("tune rule P1 --rule amigo_pid", "did you mean amigo-pid?"),
+        ("tunee time P1", "tune"),
+    ],
+)
+def test_a_misspelt_name_is_answered_with_the_nearest_right_one(line: str, said: str) -> None:
+    result = invoke(line.split())
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert len(result.stderr.splitlines()) == 1

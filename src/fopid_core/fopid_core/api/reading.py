@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeAlias, cast
 
-from fopid_core.errors import InputError
+from fopid_core.errors import InputError, did_you_mean
 from fopid_core.model.fopid import Fopid, read_gains
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process, read_process
@@ -89,22 +89,8 @@ def as_loop(process: ProcessLike | Loop, controller: ControllerLike | None = Non
     return Loop(as_process(process), numbers)
 
 
-def nearest(name: str, known: Sequence[str]) -> str:
-    """What a misspelt name most likely means, in words; empty where nothing is near.
-
-    Examples
-    --------
-    >>> nearest("phasemargin", ["phase_margin_deg", "index"])
-    '; did you mean phase_margin_deg?'
-    """
-    from difflib import get_close_matches
-
-    found = get_close_matches(name, known, 1, 0.6)
-    return f"; did you mean {found[0]}?" if found else ""
-
-
 def refuse_unknown(given: Sequence[str], known: Sequence[str]) -> None:
     """Refuse the first name that means nothing here."""
     for name in given:
         if name not in known:
-            raise InputError(f"{name} is no argument here{nearest(name, known)}; allowed: {', '.join(known)}")
+            raise InputError(f"{name} is no argument here{did_you_mean(name, known)}; allowed: {', '.join(known)}")

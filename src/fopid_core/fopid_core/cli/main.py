@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,7 +29,7 @@ from fopid_core.cli.report import repair_verb, report_verb
 from fopid_core.cli.reproduce import reproduce_verb
 from fopid_core.cli.simulate import simulate_verb
 from fopid_core.cli.tune import reduce_verb, tune_group
-from fopid_core.errors import InputError
+from fopid_core.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from fopid_core.model.evaluation import Method, StepMeasures
@@ -50,6 +50,8 @@ class OneLineErrors(Verbs):
             sys.exit(super().main(*args, **kwargs) or 0)
         except (InputError, click.ClickException) as error:
             message = error.format_message() if isinstance(error, click.ClickException) else str(error)
+            if isinstance(error, click.UsageError):
+                message = _unknown_option(error, kwargs.get("args") or (args[0] if args else sys.argv[1:])) or message
             click.echo(f"fopid: {' '.join(message.split())}", err=True)
             sys.exit(BAD_INPUT)
         except ModuleNotFoundError as error:
@@ -60,6 +62,18 @@ class OneLineErrors(Verbs):
             sys.exit(BAD_INPUT)
         except click.Abort:
             sys.exit(130)
+
+
+def _unknown_option(error: click.UsageError, given: Sequence[str]) -> str:
+    """A line on the first option that the verb does not have; a process may begin with a minus sign, not with two."""
+    if error.ctx is None:
+        return ""
+    known = [name for option in error.ctx.command.params for name in option.opts if name.startswith("--")]
+    words = [word.partition("=")[0] for word in given if word.startswith("--")]
+    unknown = next((word for word in words if word not in (*known, "--help", "--")), None)
+    if unknown is None:
+        return ""
+    return f"no option {unknown}; allowed: {', '.join(known) or 'none'}{did_you_mean(unknown, known)}"
 
 
 gains_option = click.option("--gains", required=True, metavar="KP,KI,KD,LAM,MU", help="The controller's five numbers.")

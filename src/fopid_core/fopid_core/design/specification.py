@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 
 from fopid_core import notebook
 from fopid_core.design.sampled_loop import Running
-from fopid_core.errors import InputError
+from fopid_core.errors import InputError, did_you_mean
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
 from fopid_core.model.two_degrees import (
@@ -446,7 +446,8 @@ def require(holds: bool, name: str, value: object, allowed: str) -> None:
 
 def one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
     """Raise an InputError unless ``value`` is one of the words allowed."""
-    require(value in allowed, name, repr(value), ", ".join(allowed) or "none for this method")
+    near = did_you_mean(value, allowed) if isinstance(value, str) else ""
+    require(value in allowed, name, repr(value), (", ".join(allowed) or "none for this method") + near)
 
 
 def _require_practical(name: str, value: float | None, unit: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fopid_core import notebook, safe_yaml
-from fopid_core.errors import ExpressionError, InputError
+from fopid_core.errors import ExpressionError, InputError, did_you_mean
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.expression import read_quotient
 from fopid_core.model.quasipolynomial import QuasiPolynomial, number_text
@@ -269,6 +269,9 @@ def read_process(source: str) -> Process:
     name = source.strip()
     if name.endswith((".yaml", ".yml")):
         return _read_process_file(Path(name))
+    if name[:1] in ("P", "p") and name[1:].isdecimal() and name not in TEST_BENCH:
+        known = f"{', '.join(TEST_BENCH)}, a transfer function in s, or a YAML file"
+        raise InputError(f"process {name!r}; allowed: {known}{did_you_mean(name, TEST_BENCH)}")
     return Process.parse(TEST_BENCH.get(name, source))
 
 

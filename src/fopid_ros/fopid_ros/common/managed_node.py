@@ -22,6 +22,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
+from rclpy.utilities import remove_ros_args
 
 from fopid_core.errors import InputError
 from fopid_ros.common.background import Background, Later
@@ -316,12 +317,28 @@ def run(
     return run_all([make or node_class], args)
 
 
+def refuse_other_arguments(args: Sequence[str]) -> None:
+    """Raise InputError for an argument that ROS would leave to the node, and that the node does not have.
+
+    Examples
+    --------
+    >>> refuse_other_arguments(["--kp", "2"])
+    Traceback (most recent call last):
+    ...
+    fopid_core.errors.InputError: argument '--kp'; allowed: --help, and parameters as in --ros-args -p kp:=VALUE
+    """
+    for other in remove_ros_args(["node", *args])[1:]:
+        name = other.lstrip("-").partition("=")[0] if other.startswith("-") else "NAME"
+        raise InputError(f"argument {other!r}; allowed: --help, and parameters as in --ros-args -p {name}:=VALUE")
+
+
 def run_all(makers: Sequence[Callable[[], ManagedNode]], args: Sequence[str] | None = None) -> int:
     """Run several nodes in one process, on one executor, as ``run`` does one."""
     stop = StopSignal()
     nodes: list[ManagedNode] = []
     at = ""
     try:
+        refuse_other_arguments(sys.argv[1:] if args is None else args)
         check_domain()
         remove_abandoned_segments()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)

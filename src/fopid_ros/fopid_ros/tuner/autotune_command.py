@@ -65,12 +65,16 @@ def _run(goal: Autotune.Goal) -> int:
     if not client.wait_for_server(timeout_sec=FOUND_TIME):
         raise InputError(f"no action fopid_tuner/autotune within {FOUND_TIME:g} s; allowed: a running fopid_tuner")
     columns = (TextColumn("{task.description:12}"), BarColumn(), TextColumn("{task.fields[said]}"))
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    console = Console(stderr=True)
+    lines = None if console.is_terminal else _Lines()
+    with Progress(*columns, console=console, disable=lines is not None) as progress:
         task = progress.add_task("asking", total=1.0, said="")
 
         def told(message: Any) -> None:
             stage = message.feedback
             said = stage.message or f"{stage.remaining:.0f} s, off the setpoint by {stage.deviation:+.3g}"
+            if lines:
+                lines.tell(stage)
             progress.update(task, completed=stage.progress, description=stage.phase, said=said[:90])
 
         handle = _wait(node, client.send_goal_async(goal, feedback_callback=told))
@@ -85,6 +89,23 @@ def _run(goal: Autotune.Goal) -> int:
             result = _wait(node, answer).result
     _show(result)
     return 0 if result.success else 3
+
+
+class _Lines:
+    """Progress for a log: a line on each new phase or message, and whenever a tenth of the whole is done."""
+
+    def __init__(self) -> None:
+        self._last: tuple[str, str, int] | None = None
+
+    def tell(self, stage: Autotune.Feedback) -> None:
+        """Write a line on stderr when there is something new."""
+        now = (stage.phase, stage.message, int(10.0 * stage.progress))
+        if now == self._last:
+            return
+        self._last = now
+        left = f", {stage.remaining:.0f} s to go" if stage.remaining > 0.0 else ""
+        said = f": {stage.message}" if stage.message else ""
+        print(f"{stage.progress:4.0%} {stage.phase}{said}{left}", file=sys.stderr, flush=True)
 
 
 def _wait(node: Node, future: Future) -> Any:
