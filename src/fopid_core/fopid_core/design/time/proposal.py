@@ -107,7 +107,7 @@ def time_specification(request: TuningRequest) -> TimeSpecification:
         horizon=horizon,
         ms_max=defaults.MS_MAX if request.ms_max is None else request.ms_max,
         u_max=usual if request.u_max is None else request.u_max,
-        noise_max=_noise_max(request, usual),
+        noise_max=_noise_max(request, usual, free if request.two_degrees is None else request.two_degrees),
         sample_time=request.sample_time,
         fixed=_fixed(request),
         bounds=request.bounds,
@@ -122,9 +122,9 @@ def time_specification(request: TuningRequest) -> TimeSpecification:
     )
 
 
-def _noise_max(request: TuningRequest, usual: float) -> float:
-    """A filter whose time is to be chosen needs a bound that asks for it."""
-    needed = request.filter_order > 0 and request.noise_rms_max is None
+def _noise_max(request: TuningRequest, usual: float, two_degrees: bool) -> float:
+    """A filter whose time is to be chosen needs a bound that asks for it; without the setpoint's kick the gain does."""
+    needed = (request.filter_order > 0 or two_degrees) and request.noise_rms_max is None
     return (usual if needed else math.inf) if request.noise_max is None else request.noise_max
 
 
