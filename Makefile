@@ -24,6 +24,11 @@ export PROCESS
 
 PYTEST = "$(BIN)/python" -m pytest --numprocesses auto --dist loadfile
 
+# `make reliability`: the share of its work that is done, where its figures go, and how many loops run side by side.
+SHARE := 1
+PAGE := docs/reliability.md
+LOOPS_AT_ONCE := 4
+
 .PHONY: help
 help: ## Show this list
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -42,11 +47,11 @@ test: venv ## Run the fast tests [ARGS='-k name']
 
 .PHONY: test-slow
 test-slow: venv ## Run the tests marked slow
-	@$(PYTEST) -m 'slow and not colcon' $(ARGS)
+	@$(PYTEST) -m 'slow and not colcon and not reliability' $(ARGS)
 
 .PHONY: test-all
 test-all: venv ## Run the fast and the slow tests
-	@$(PYTEST) -m 'not colcon' $(ARGS)
+	@$(PYTEST) -m 'not colcon and not reliability' $(ARGS)
 
 .PHONY: test-jazzy
 test-jazzy: ## Fast tests, every verb and the demonstration with the libraries of Ubuntu 24.04
@@ -87,6 +92,13 @@ bench: venv ## Measure the performance figures, each beside its baseline, into d
 docs: venv ## Build the documentation, into build/docs
 	@"$(BIN)/sphinx-build" --fail-on-warning --keep-going --quiet -d build/doctrees docs build/docs
 	@echo build/docs/index.html
+
+.PHONY: reliability
+reliability: venv ## Attack the running loop, write the figures into docs/reliability.md [SHARE=0.1 PAGE=copy.md]
+	@rm -rf build/reliability
+	@SHARE=$(SHARE) "$(BIN)/python" -m pytest --numprocesses $(LOOPS_AT_ONCE) -m reliability tests/reliability $(ARGS)
+	@[ "$(PAGE)" = docs/reliability.md ] || cp docs/reliability.md "$(PAGE)"
+	@"$(BIN)/python" tools/reliability_page.py build/reliability "$(PAGE)"
 
 .PHONY: lint
 lint: venv ## Check format, style, types and who imports whom

@@ -1,0 +1,182 @@
+"""Each node is killed, stopped and restarted at random instants while it, or another, is at work."""
+
+from __future__ import annotations
+
+import math
+import random
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+from rclpy.action import ActionClient
+from rclpy.task import Future
+
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
+from fopid_core.model.margins import margins
+from fopid_core.model.process import read_process
+from fopid_core.model.stability import stability
+from fopid_msgs.action import Autotune
+from fopid_msgs.srv import Tune
+
+from .conftest import share_of
+from .record import gone_at, outside_limits, settled_at
+from .rig import LIMITS, PROCESS, SETPOINT, STATE, Rig
+
+INSTANTS = 200
+"""For each node."""
+CHUNKS = 2
+LONGEST = {"idle": 0.2, "tuning": 2.0, "applying": 0.6, "autotuning": 12.0}
+"""Works, and the time within which the blow falls [s]."""
+OFTEN = {"idle": 1, "tuning": 1, "applying": 2, "autotuning": 2}
+BLOWS = ("kill", "stop", "restart")
+BAND = 0.35
+"""About the setpoint: an autotuning may move the loop by 0.3."""
+BACK, ADDEND_GONE, TRIAL_GONE = 10.0, 1.5, 5.0
+"""Within these times the loop is back, an addend without author is gone, a trial without author is over [s]: what
+docs/fail_safe.md promises (1 s, 3 s), and what a busy machine takes to start a process and to notice."""
+NAMES = ("kp", "ki", "kd", "lam", "mu")
+
+
+@dataclass
+class Tally:
+    """What was seen."""
+
+    recovered: list[float] = field(default_factory=list)
+    addends: list[float] = field(default_factory=list)
+    controls: int = 0
+    lowest: float = math.inf
+    highest: float = -math.inf
+    blows: dict[str, int] = field(default_factory=dict)
+
+
+class Campaign:
+    """Blows against one node of a loop at work."""
+
+    def __init__(self, rig: Rig, victim: str, draw: random.Random) -> None:
+        self.rig, self.graph, self.victim, self.draw = rig, rig.graph, victim, draw
+        self.tally = Tally()
+        self._tune = self.graph.client(Tune, "fopid_tuner/tune")
+        self._autotune = ActionClient(self.graph.node, Autotune, "fopid_tuner/autotune")
+        self._former: list[list[float]] = []
+
+    def gains(self) -> tuple[list[float], str]:
+        *gains, status = self.graph.get("fopid_controller", *NAMES, "gains.status")
+        return gains, status
+
+    def instant(self) -> None:
+        """One blow, and all that is promised after it."""
+        rig, blow = self.rig, self.draw.choice(BLOWS)
+        (work,) = self.draw.choices(list(OFTEN), list(OFTEN.values()))
+        before, _ = self.gains()
+        began = time.monotonic()
+        goal = self._begin(work)
+        self.graph.spin(self.draw.uniform(0.0, LONGEST[work]))
+        struck, back = self._strike(blow)
+        what = f"{work}, {blow} of {self.victim} at {struck:.3f}"
+        settled = rig.wait(
+            lambda: settled_at(rig.samples("measurement", back), SETPOINT, BAND, 0.3)
+            if rig.samples("control", back) else None, f"the loop is back after {what}", BACK,
+        )  # fmt: skip
+        self.tally.recovered.append(max(0.0, settled - back))
+        self._addend_is_gone(struck, blow, what)
+        self._end(goal)
+        self._gains_are_as_promised(before, work, what)
+        self._controls_are_within_limits(began, what)
+        key = f"{work}, {blow}"
+        self.tally.blows[key] = self.tally.blows.get(key, 0) + 1
+
+    def _begin(self, work: str) -> Any:
+        if work == "autotuning":
+            return self._accepted_goal()
+        if work != "idle":
+            margin = self.draw.uniform(1.1, 1.35)
+            wanted = {"phase_margin": margin, "crossover": 6.0} if work == "applying" else {"method": "time"}
+            self._tune.call_async(Tune.Request(process=PROCESS, apply=work == "applying", **wanted))
+        return None
+
+    def _accepted_goal(self) -> Any:
+        """A goal is sent until a tuner accepts it: a killed one is listed for a while yet."""
+        deadline = time.monotonic() + 30.0
+        while time.monotonic() < deadline:
+            sent: Future = self._autotune.send_goal_async(Autotune.Goal(deviation_max=0.3))
+            self.graph.executor.spin_until_future_complete(sent, timeout_sec=2.0)
+            if sent.done() and sent.result().accepted:
+                return sent.result()
+            self.graph.spin(0.5)
+        raise AssertionError(f"no tuner accepts a goal; logs: {self.rig.logs()}")
+
+    def _strike(self, blow: str) -> tuple[float, float]:
+        """When it was struck, and from when on it is there again [s]."""
+        node, struck = self.rig.nodes[self.victim], time.monotonic()
+        if blow == "stop":
+            node.send_signal(signal.SIGSTOP)
+            self.graph.spin(self.draw.uniform(0.1, 3.0))
+            node.send_signal(signal.SIGCONT)
+        else:
+            node.kill() if blow == "kill" else node.terminate()
+            node.wait(15)
+            self.graph.spin(self.draw.uniform(0.0, 1.0))
+            self.rig.start(self.victim)
+        return struck, time.monotonic()
+
+    def _addend_is_gone(self, struck: float, blow: str, what: str) -> None:
+        """What the dead tuner added to the control has faded."""
+        if self.victim != "fopid_tuner" or blow == "stop":
+            return
+        rig = self.rig
+        rig.wait(lambda: rig.samples(STATE, struck + ADDEND_GONE), f"a state after {what}", BACK)
+        addends = rig.samples(STATE, struck)
+        gone = gone_at(addends)
+        assert gone is not None, what
+        if addends[0][1]:
+            self.tally.addends.append(gone - struck)
+            assert gone - struck < ADDEND_GONE, what
+
+    def _end(self, goal: Any) -> None:
+        if goal is not None:
+            goal.cancel_goal_async()
+        self.rig.graph.await_restarted("fopid_controller")
+        self.rig.graph.await_restarted("fopid_tuner")
+
+    def _gains_are_as_promised(self, before: list[float], work: str, what: str) -> None:
+        """Those from before, or newer ones that were verified; and no trial lasts."""
+        began = time.monotonic()
+        while (now := self.gains())[1] == "trial":
+            assert time.monotonic() - began < TRIAL_GONE, f"gains still on trial after {what}"
+            self.graph.spin(0.2)
+        gains, status = now
+        if gains == before:
+            return
+        assert status == "verified", f"{gains}, {status} after {what}"
+        assert work in ("applying", "autotuning"), what
+        assert gains not in self._former, f"older gains are back after {what}"
+        self._former.append(before)
+        true = Loop(read_process(PROCESS), Fopid(*gains))
+        assert stability(true).stable, f"{gains} after {what}"
+        assert margins(true).ms < 3.0, f"{gains} after {what}"
+
+    def _controls_are_within_limits(self, began: float, what: str) -> None:
+        controls = self.rig.samples("control", began)
+        assert not outside_limits(controls, *LIMITS), what
+        values = [value for _, value in controls]
+        tally = self.tally
+        tally.controls += len(values)
+        tally.lowest, tally.highest = min([*values, tally.lowest]), max([*values, tally.highest])
+
+
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.parametrize("victim", ["fopid_tuner", "fopid_controller", "plant_simulator", "dashboard"])
+def test_a_loop_survives_its_nodes(rig: Rig, victim: str, chunk: int, figures: Callable[..., None]) -> None:
+    campaign = Campaign(rig, victim, random.Random(f"{victim} {chunk}"))
+    instants = share_of(INSTANTS // CHUNKS)
+    for _ in range(instants):
+        campaign.instant()
+    assert "internal error" not in rig.logs()
+    tally = campaign.tally
+    figures(f"kills-{victim}-{chunk}", victim=victim, instants=instants, recovered=tally.recovered,
+            addends=tally.addends, controls=tally.controls, lowest=tally.lowest, highest=tally.highest,
+            blows=tally.blows)  # fmt: skip
