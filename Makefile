@@ -116,6 +116,10 @@ format: venv ## Format the sources and mend what can be mended
 colcon: venv ## Build and test the tree as a colcon workspace, in build/colcon
 	@tools/colcon_build.sh
 
+.PHONY: release
+release: venv ## Build wheels and source distributions, and try them in clean environments
+	@tools/release.sh
+
 .PHONY: lock
 lock: venv ## Compile requirements*.in anew [ARGS='--upgrade']
 	@export UV_CUSTOM_COMPILE_COMMAND='make lock'; \
