@@ -40,7 +40,7 @@ def test_by_default_a_measurement_is_stale_after_five_sample_times_and_no_sooner
 
 
 def test_a_timeout_is_off_when_zero_and_refused_between_automatic_and_off() -> None:
-    inputs = ("measurement", "setpoint", "feedforward", "manual_control", "tracking")
+    inputs = ("measurement", "setpoint", "feedforward", "manual_control", "tracking", "scheduling_variable")
     off = timeouts(DEFAULTS | {f"{name}_timeout": 0.0 for name in inputs})
     assert set(off.values()) == {float("inf")}
     for name in ("measurement", "feedforward", "tracking"):

@@ -27,6 +27,7 @@ from fopid_core.cli.output import emit
 from fopid_core.cli.progress import progress
 from fopid_core.cli.report import repair_verb, report_verb
 from fopid_core.cli.reproduce import reproduce_verb
+from fopid_core.cli.schedule import schedule_verb
 from fopid_core.cli.simulate import simulate_verb
 from fopid_core.cli.tune import reduce_verb, tune_group
 from fopid_core.errors import InputError, did_you_mean
@@ -93,6 +94,7 @@ def main() -> None:
 main.add_command(reduce_verb)
 main.add_command(tune_group)
 main.add_command(report_verb)
+main.add_command(schedule_verb)
 main.add_command(repair_verb)
 main.add_command(reproduce_verb)
 main.add_command(identify_verb)

@@ -25,6 +25,10 @@ _FINER = 32
 _FADING = 50
 """Ticks in which a step that no integral will take back fades, where the filter of the variable is not slower."""
 
+_READ_BY = ("sample_time", "active_band", "derivative_filter_time", "setpoint_weight", "derivative_setpoint_weight",
+            "tracking_time")  # fmt: skip
+"""Settings that a reading depends on."""
+
 
 @dataclass(frozen=True)
 class _Knot:
@@ -72,10 +76,12 @@ class GainScheduler:
         sample_time, filter_time = settings.sample_time, self._schedule.filter_time
         self._filter_share = -math.expm1(-sample_time / filter_time) if filter_time else 1.0
         self._fading = -math.expm1(-1.0 / max(_FADING, filter_time / sample_time))
+        before = self._controller.settings
         self._controller.reconfigure(with_gains(settings, self.gains))
-        self._knots = _knots(self._schedule, self._controller.settings)
-        self._values = [knot.at for knot in self._knots]
-        self._conditioned = all(knot.reading.conditioned for knot in self._knots)
+        if not self._knots or any(getattr(settings, name) != getattr(before, name) for name in _READ_BY):
+            self._knots = _knots(self._schedule, self._controller.settings)
+            self._values = [knot.at for knot in self._knots]
+            self._conditioned = all(knot.reading.conditioned for knot in self._knots)
         if not math.isnan(self.value):
             self._read_at(self.value)
 

@@ -32,6 +32,8 @@ class Input:
         Whether a value has come from outside.
     refused : int
         How many values were refused, whatever for.
+    without : str
+        What happens while it is too old, for people.
 
     Examples
     --------
@@ -50,6 +52,7 @@ class Input:
         self.received_ns = 0
         self.timeout_ns = math.inf
         self.came = False
+        self.without = "the loop goes on without it"
         self.refused = 0
 
     @property

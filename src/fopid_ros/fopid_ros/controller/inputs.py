@@ -28,8 +28,9 @@ def timeouts(values: Mapping[str, Any]) -> dict[str, float]:
 
     Examples
     --------
-    >>> chosen = {"measurement_timeout": -1.0, "tracking_timeout": 0.3, "feedforward_timeout": -1.0,
-    ...           "setpoint_timeout": 0.0, "manual_control_timeout": 0.0, "sample_time": 0.05, "trigger": "realtime"}
+    >>> automatic = ("measurement", "feedforward", "scheduling_variable")
+    >>> chosen = {"sample_time": 0.05, "trigger": "realtime", "tracking_timeout": 0.3, "setpoint_timeout": 0.0,
+    ...           "manual_control_timeout": 0.0, **{f"{name}_timeout": -1.0 for name in automatic}}
     >>> timeouts(chosen)["measurement"], timeouts(chosen)["tracking"], timeouts(chosen)["setpoint"]
     (0.25, 0.3, inf)
     """
@@ -39,7 +40,7 @@ def timeouts(values: Mapping[str, Any]) -> dict[str, float]:
     # ticks of silence than messages can make in that time.
     lockstep = values["trigger"] == "lockstep"
     added = TICKS_WITHOUT_AUTHOR * values["sample_time"] if lockstep else max(SHORTEST_FEEDFORWARD_TIMEOUT, ticks)
-    automatic = {"measurement": signal, "tracking": signal, "feedforward": added}
+    automatic = {"measurement": signal, "tracking": signal, "scheduling_variable": signal, "feedforward": added}
 
     def chosen(name: str) -> float:
         given = values[f"{name}_timeout"]
@@ -49,7 +50,7 @@ def timeouts(values: Mapping[str, Any]) -> dict[str, float]:
 
 
 class LoopInputs:
-    """Setpoint, measurement, feedforward, manual control and tracking of a controller node.
+    """Setpoint, measurement, feedforward, manual control, tracking and scheduling variable of a controller node.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ class LoopInputs:
 
     Attributes
     ----------
-    setpoint, measurement, feedforward, manual, tracking : Input
+    setpoint, measurement, feedforward, manual, tracking, scheduling : Input
     """
 
     def __init__(
@@ -80,9 +81,11 @@ class LoopInputs:
         self.setpoint, self.measurement = Input("setpoint", setpoint), Input("measurement")
         self.feedforward, self.manual = Input("feedforward", 0.0), Input("manual_control")
         self.tracking = Input("tracking")
-        self.all = (self.setpoint, self.measurement, self.feedforward, self.manual, self.tracking)
+        self.scheduling = Input("scheduling_variable")
+        self.scheduling.without = "the gains stay as they are"
+        self.all = (self.setpoint, self.measurement, self.feedforward, self.manual, self.tracking, self.scheduling)
         self.setpoint.received_ns = now()
-        self._tracking_required = bool(values["tracking.required"])
+        self._tracking_required, self._scheduled = bool(values["tracking.required"]), False
         self._newest_stamp: int | None = None
         self._pending: list[tuple[Input, PendingValues]] = []
         self._subscriptions: list[Subscription] = []
@@ -92,15 +95,18 @@ class LoopInputs:
     def take_settings(self, values: Mapping[str, Any]) -> None:
         """Put timeouts and tolerance in force."""
         for name, seconds in timeouts(values).items():
-            self._named(name).timeout_ns = seconds * 1e9
+            self.named(name).timeout_ns = seconds * 1e9
         self._most_ahead_ns = self._period_ns + round(values["clock_skew_max"] * 1e9)
 
-    def _named(self, name: str) -> Input:
+    def named(self, name: str) -> Input:
+        """The input of this name."""
         return next(one for one in self.all if one.name == name)
 
-    def listen(self, *, tracking: bool) -> None:
+    def listen(self, *, tracking: bool, scheduling: bool) -> None:
         """Subscribe to all but the measurement; in lockstep what has come before a measurement counts for its tick."""
-        for one in (self.setpoint, self.feedforward, self.manual, *([self.tracking] if tracking else [])):
+        self._scheduled = scheduling
+        added = [*([self.tracking] if tracking else []), *([self.scheduling] if scheduling else [])]
+        for one in (self.setpoint, self.feedforward, self.manual, *added):
             ahead = PendingValues()
             self._pending.append((one, ahead))
             self._subscriptions.append(self._listen(one, ahead))
@@ -201,6 +207,8 @@ class LoopInputs:
         """The inputs without which the control cannot be worked out, and that are too old or have never come."""
         required = (self.setpoint, self.measurement, *([self.tracking] if self._tracking_required else []))
         found = [one for one in required if not one.usable(now_ns)]
+        if self._scheduled and self.scheduling.missing:
+            found.append(self.scheduling)
         if mode == "manual" and not self.manual.missing and not self.manual.usable(now_ns):
             found.append(self.manual)
         return found
@@ -208,7 +216,8 @@ class LoopInputs:
     def dropped(self, now_ns: int) -> list[Input]:
         """The inputs that the loop does without since they are too old."""
         added = [self.feedforward] if self.feedforward.value and self.feedforward.stale(now_ns) else []
-        return added + ([self.tracking] if self.tracking.stale(now_ns) and not self._tracking_required else [])
+        followed = [*([] if self._tracking_required else [self.tracking]), self.scheduling]
+        return added + [one for one in followed if one.stale(now_ns)]
 
     def facts(self, now_ns: int) -> dict[str, object]:
         """What the diagnostics tell of them."""

@@ -50,6 +50,7 @@ from fopid_ros.controller.parameters import (
     signal_types,
 )
 from fopid_ros.controller.retained import check_provenance
+from fopid_ros.controller.scheduling import Scheduling, check_scheduled_gains, listens
 from fopid_ros.controller.state_message import fill_signals
 
 NS = 1_000_000_000
@@ -84,6 +85,7 @@ class ControllerNode(ManagedNode):
         initial_setpoint(values)
         check_timeouts(values)
         check_cascade(values)
+        check_scheduled_gains(self._values if self.configured else values, values)
         check_file_name(values)
         check_provenance(values)
 
@@ -104,6 +106,7 @@ class ControllerNode(ManagedNode):
         self._tick_clock, self._now = self._time_of_ticks()
         counts = self._statistics.counts
         self._inputs = LoopInputs(self, values, types, counts, self._now, initial_setpoint(values))
+        self._scheduling = Scheduling(values, self._controller, self._inputs)
         self._interval = 0.0
         self._control = values["safe_control"]
         self._publisher_conflicts = PublisherConflicts(self, SIGNALS)
@@ -125,7 +128,7 @@ class ControllerNode(ManagedNode):
 
     def _open_topics(self, types: dict[str, SignalType]) -> None:
         lockstep, endpoints = self._lockstep, self.endpoints
-        self._inputs.listen(tracking=self._values["tracking.enabled"])
+        self._inputs.listen(tracking=self._values["tracking.enabled"], scheduling=listens(self._values))
         self._cascade = CascadeLink(endpoints, self._values, self._inputs.tracking)
         endpoints.subscription(
             types["measurement"].message_type, "measurement",
@@ -163,9 +166,9 @@ class ControllerNode(ManagedNode):
             return
         self._memory.take(values)
         mode_before, gains_before, self._values = self._values["mode"], self._controller.settings.gains, values
-        self._controller.reconfigure(controller_settings(values, self._types["control"]))
+        self._scheduling.reconfigure(controller_settings(values, self._types["control"]))
         gains = self._controller.settings.gains
-        if gains != gains_before:
+        if gains != gains_before and not values["schedule_file"]:
             origin = values["gains.origin"] or "a client that does not say who it is"
             self.get_logger().info(f"gains from {gains_before} to {gains}, set by: {origin}")
         if values["mode"] != mode_before:
@@ -180,8 +183,11 @@ class ControllerNode(ManagedNode):
 
     def _update_cached_settings(self) -> None:
         self._inputs.take_settings(self._values)
-        message, gains = self._state, self._controller.settings.gains
-        message.kp, message.ki, message.kd, message.lam, message.mu = gains.gains
+        self._tell_gains()
+
+    def _tell_gains(self) -> None:
+        message = self._state
+        message.kp, message.ki, message.kd, message.lam, message.mu = self._scheduling.gains.gains
 
     # Transitions.
 
@@ -283,6 +289,7 @@ class ControllerNode(ManagedNode):
     def _step(self, now_ns: int) -> float:
         controller, inputs = self._controller, self._inputs
         self._parts_known, manual = True, inputs.manual
+        self._scheduling.follow(now_ns)
         if controller.state.mode == "auto":
             manual.value = math.nan  # on a change to manual the control stays until the next message
         return controller.step(
@@ -346,6 +353,8 @@ class ControllerNode(ManagedNode):
     def _publish_state(self, stamp_ns: int, now_ns: int, state: ControllerState) -> None:
         message = self._state
         header_stamp(message.header, stamp_ns)
+        if self._values["schedule_file"]:
+            self._tell_gains()
         # A state that has just been given up is told as it was.
         given_up = state is not self._controller.state
         fill_signals(message, state, self._inputs, now_ns, known=given_up or self._parts_known)
@@ -359,7 +368,7 @@ class ControllerNode(ManagedNode):
         """Log what has changed."""
         for one in dropped:
             if one not in self._dropped:
-                self.get_logger().warning(f"{one.name} stale: the loop goes on without it")
+                self.get_logger().warning(f"{one.name} stale: {one.without}")
         before, self._unusable, self._dropped = self._unusable, unusable, dropped
         names = " and ".join(one.name for one in unusable)
         if unusable == before:
@@ -387,7 +396,7 @@ class ControllerNode(ManagedNode):
             found.append((DiagnosticStatus.WARN, f"gains not kept: {self._memory.trouble}"))
         if not self._active:
             return found
-        found += [(DiagnosticStatus.WARN, f"{one.name} stale: the loop goes on without it") for one in self._dropped]
+        found += [(DiagnosticStatus.WARN, f"{one.name} stale: {one.without}") for one in self._dropped]
         if self._unusable:
             level = DiagnosticStatus.WARN if self._awaiting_first_input else DiagnosticStatus.ERROR
             names = " and ".join(one.name for one in self._unusable)
@@ -412,6 +421,7 @@ class ControllerNode(ManagedNode):
             "share of saturated ticks": counts.saturated_ticks / max(1, counts.ticks),
             "last rejected parameter set": self.last_rejected or "none",
             **self._memory.facts(self._values["gains.status"]),
+            **self._scheduling.facts(),
         }  # fmt: skip
 
     # Services.

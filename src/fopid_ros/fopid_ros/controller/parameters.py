@@ -23,8 +23,9 @@ from fopid_ros.controller.inputs import (
     TICKS_MISSED,
     TICKS_WITHOUT_AUTHOR,
 )
+from fopid_ros.controller.scheduling import SCHEDULE_SPECS
 
-SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "tracking", "control")
+SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "tracking", "scheduling_variable", "control")
 
 _SIGNAL = f"-1 for {TICKS_MISSED} sample times, at least {SHORTEST_TIMEOUT} s; 0 for off"
 _ADDED = (
@@ -62,6 +63,7 @@ SPECS = (
     Spec("tracking.enabled", False, "take what the actuator did from the topic tracking; it ages like the measurement",
          at_configure=True),
     *CASCADE_SPECS,
+    *SCHEDULE_SPECS,
     Spec("bumpless", True, "on new gains the integral takes up the step between old and new reading"),
     Spec("measurement_timeout", AUTOMATIC, f"age at which the measurement is stale [s]; {_SIGNAL}", AUTOMATIC, 1e9),
     Spec("setpoint_timeout", 0.0, "age at which the setpoint is stale [s]; 0 for off: once set it holds", 0.0, 1e9),
@@ -69,6 +71,8 @@ SPECS = (
     Spec("feedforward_timeout", AUTOMATIC, "age at which the feedforward begins to fade, to 0 within as much again "
          f"[s]; {_ADDED}", AUTOMATIC, 1e9),
     Spec("tracking_timeout", AUTOMATIC, f"age at which tracking is no longer followed [s]; {_SIGNAL}", AUTOMATIC, 1e9),
+    Spec("scheduling_variable_timeout", AUTOMATIC, f"age at which scheduling_variable is stale: the gains stay [s]; "
+         f"{_SIGNAL}", AUTOMATIC, 1e9),
     Spec("on_stale", "hold", "the control while an input is stale: as it was, safe_control, or manual_control",
          choices=("hold", "safe", "manual")),
     Spec("clock_skew_max", 0.0, "how far beyond a tick a stamp may be ahead of this node's clock [s]", 0.0, 1e9),
@@ -104,7 +108,7 @@ _SAME_IN_THE_CORE = (
 
 def check_timeouts(values: dict[str, Any]) -> None:
     """Raise InputError for a timeout between automatic and off."""
-    for name in ("measurement_timeout", "feedforward_timeout", "tracking_timeout"):
+    for name in ("measurement_timeout", "feedforward_timeout", "tracking_timeout", "scheduling_variable_timeout"):
         if AUTOMATIC < values[name] < 0.0:
             raise InputError(f"{name} = {values[name]}; allowed: -1 for automatic, 0 for off, or above 0 [s]")
 
@@ -138,7 +142,7 @@ def controller_settings(values: dict[str, Any], control_type: SignalType) -> Con
 
 def refuse_idle_gains(values: dict[str, Any]) -> None:
     """Raise InputError for a start without gains, unless that was asked for: nothing would control the plant."""
-    if not (values["kp"] or values["ki"] or values["kd"] or values["allow_zero_gains"]):
+    if not (values["kp"] or values["ki"] or values["kd"] or values["allow_zero_gains"] or values["schedule_file"]):
         raise InputError("kp = ki = kd = 0; allowed: a gain that is not 0, or allow_zero_gains = true")
 
 

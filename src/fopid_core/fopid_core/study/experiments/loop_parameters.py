@@ -13,7 +13,7 @@ from fopid_core.runtime.filter_bank import Band
 from fopid_core.runtime.plant import PlantSettings
 
 GAINS = ("kp", "ki", "kd", "lam", "mu")
-SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "control", "tracking")
+SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "control", "tracking", "scheduling_variable")
 
 _SETTINGS = tuple(field.name for field in fields(ControllerSettings) if field.name not in ("gains", "band"))
 _BAND = {"band.low": float, "band.high": float, "band.poles": int}
