@@ -36,6 +36,7 @@ from fopid_ros.common.parameter_file import write_parameter_file
 from fopid_ros.common.parameters import converted
 from fopid_ros.common.signals import SignalType, header_stamp
 from fopid_ros.controller.cascade import CascadeLink, check_cascade
+from fopid_ros.controller.control_msgs_output import ControlMsgsOutput
 from fopid_ros.controller.gain_memory import GainMemory
 from fopid_ros.controller.inputs import LoopInputs
 from fopid_ros.controller.joints.node import JointsNode, given_dof_names
@@ -142,6 +143,7 @@ class ControllerNode(ManagedNode):
         )
         state_qos = QoSProfile(depth=LOCKSTEP_DEPTH if lockstep else 10)
         self._state_publisher = endpoints.publisher(FopidState, "~/state", state_qos)
+        self._control_msgs = ControlMsgsOutput(endpoints, self._values, self.get_name())
         self._diagnostics = endpoints.publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
         endpoints.refuse_unknown_overrides()
 
@@ -282,6 +284,7 @@ class ControllerNode(ManagedNode):
         self._statistics.tick(self._interval, saturated=state.saturated, stale=bool(unusable))
         self.publish_control(control, stamp_ns)
         self._cascade.tell(self._controller, None if steps else inputs.measurement.value, control, stamp_ns)
+        self._control_msgs.publish(state, stamp_ns, self._interval)
         told = state.mode == "manual" or not (unusable and self._awaiting_first_input)
         if told and self._state_is_due(now_ns):
             self._publish_state(stamp_ns, now_ns, state)

@@ -16,6 +16,7 @@ from fopid_ros.common.managed_node import TIMING
 from fopid_ros.common.parameters import Spec
 from fopid_ros.common.signals import SignalType, signal_specs, signal_type
 from fopid_ros.controller.cascade import CASCADE_SPECS
+from fopid_ros.controller.control_msgs_output import CONTROL_MSGS_SPECS
 from fopid_ros.controller.inputs import (
     AUTOMATIC,
     SHORTEST_FEEDFORWARD_TIMEOUT,
@@ -64,6 +65,7 @@ SPECS = (
          at_configure=True),
     *CASCADE_SPECS,
     *SCHEDULE_SPECS,
+    *CONTROL_MSGS_SPECS,
     Spec("bumpless", True, "on new gains the integral takes up the step between old and new reading"),
     Spec("measurement_timeout", AUTOMATIC, f"age at which the measurement is stale [s]; {_SIGNAL}", AUTOMATIC, 1e9),
     Spec("setpoint_timeout", 0.0, "age at which the setpoint is stale [s]; 0 for off: once set it holds", 0.0, 1e9),

@@ -22,7 +22,8 @@ _OF_THE_NODE = {
     "clock_skew_max": float, "on_stale": str, "on_rivals": str, "autostart": bool, "allow_zero_gains": bool,
     "state_rate": float, "trial_timeout": float, "directory": str, "gains_file": str, "retain": bool,
     "gains.status": str, "gains.origin": str, "gains.certificate": str,
-    "tracking.enabled": bool, "tracking.required": bool, "back_calculation.enabled": bool, "setpoint.initial": float,
+    "tracking.enabled": bool, "tracking.required": bool, "back_calculation.enabled": bool,
+    "pid_state.enabled": bool, "controller_state.enabled": bool, "setpoint.initial": float,
     **{f"{signal}.{part}": str for signal in SIGNALS for part in ("type", "field")},
     **{f"{signal}.{part}": float for signal in SIGNALS for part in ("scale", "offset")},
 }  # fmt: skip
