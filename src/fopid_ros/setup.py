@@ -59,6 +59,7 @@ setup(
         *shared("launch", "*.launch.*"),
         *shared("config", "*.yaml"),
         *shared("config", "*.xml"),
+        *shared("config", "*.remap"),
         *shared("layouts", "*.*"),
     ],
     zip_safe=False,

@@ -21,10 +21,14 @@ from fopid_ros.launching.cascade import cascade_nodes
 from fopid_ros.launching.loop import existing_file
 
 
+def default_file():
+    """The example's parameters."""
+    return str(Path(get_package_share_directory("fopid_ros"), "config", "cascade.yaml"))
+
+
 def start(context):
     """Plants, unless the plant is real, and controllers."""
-    default = Path(get_package_share_directory("fopid_ros"), "config", "cascade.yaml")
-    file = existing_file(given(context, "params_file") or str(default))
+    file = existing_file(given(context, "params_file") or default_file())
     nodes = cascade_nodes(given(context, "namespace"))
     if given(context, "plant") == "false":
         nodes = [node for node in nodes if node.executable != "plant_simulator"]

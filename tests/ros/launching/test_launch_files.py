@@ -77,19 +77,20 @@ def started(file: str) -> tuple[list[Any], list[Any]]:
         ("demo.launch.py", [*NODES, "experiment"]),
         ("controller.launch.py", ["fopid_controller", "fopid_tuner"]),
         ("joints.launch.py", ["fopid_controller", "fopid_tuner"]),
+        ("cascade.launch.py", ["plant_simulator", "plant_simulator", "fopid_controller", "fopid_controller"]),
     ],
 )
 def test_launch_files_start_executables_that_exist_and_describe_their_arguments(
     given: dict[str, str], tmp_path: Path, file: str, executables: list[str]
 ) -> None:
     given |= {"process": "2/(s+1)^3", "params_file": "", "namespace": "hall"}
-    if file.startswith("controller"):
+    if file.startswith(("controller", "cascade")):
         given["params_file"] = str(ROOT / "config/P1.yaml")
     if file.startswith("joints"):
         given |= {"params_file": str(ROOT / "config/arm.yaml"), "dof": "wrist"}
     declared, nodes = started(file)
     assert [node.kwargs["executable"] for node in nodes] == executables
-    assert {node.kwargs["namespace"] for node in nodes} == {"hall"}
+    assert {node.kwargs["namespace"].split("/")[file.startswith("cascade")] for node in nodes} == {"hall"}
     assert all(argument.kwargs["description"] for argument in declared)
     assert {"namespace", "log_level"} < {argument.args[0] for argument in declared}
     assert set(executables) <= set(runpy_executables())
