@@ -46,7 +46,8 @@ def timeouts(values: Mapping[str, Any]) -> dict[str, float]:
         given = values[f"{name}_timeout"]
         return automatic[name] if given == AUTOMATIC else given or math.inf
 
-    return {name: chosen(name) for name in (*automatic, "setpoint", "manual_control")}
+    names = (*automatic, "setpoint", "manual_control")
+    return {name: chosen(name) for name in names if f"{name}_timeout" in values}
 
 
 class LoopInputs:

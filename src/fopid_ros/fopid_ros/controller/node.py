@@ -41,7 +41,7 @@ from fopid_ros.controller.gain_memory import GainMemory
 from fopid_ros.controller.inputs import LoopInputs
 from fopid_ros.controller.joints.node import JointsNode, given_dof_names
 from fopid_ros.controller.parameters import (
-    SIGNALS,
+    LOOP_SIGNALS,
     SPECS,
     check_file_name,
     check_timeouts,
@@ -110,7 +110,7 @@ class ControllerNode(ManagedNode):
         self._scheduling = Scheduling(values, self._controller, self._inputs)
         self._interval = 0.0
         self._control = values["safe_control"]
-        self._publisher_conflicts = PublisherConflicts(self, SIGNALS)
+        self._publisher_conflicts = PublisherConflicts(self, LOOP_SIGNALS)
         self._contested_topics: list[str] = []
         self._state = FopidState()
         self._update_cached_settings()

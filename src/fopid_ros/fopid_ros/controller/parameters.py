@@ -26,7 +26,9 @@ from fopid_ros.controller.inputs import (
 )
 from fopid_ros.controller.scheduling import SCHEDULE_SPECS
 
-SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "tracking", "scheduling_variable", "control")
+SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "tracking", "control")
+LOOP_SIGNALS = (*SIGNALS, "scheduling_variable")
+"""Of a node with one loop."""
 
 _SIGNAL = f"-1 for {TICKS_MISSED} sample times, at least {SHORTEST_TIMEOUT} s; 0 for off"
 _ADDED = (
@@ -97,7 +99,7 @@ SPECS = (
     Spec("gains.origin", "", "who set the gains, and why; set with them"),
     Spec("gains.certificate", "", "that the gains hold the loop, where there is one; set with them"),
     replace(TIMING, read_only=False, at_configure=True),
-    *(spec for name in SIGNALS for spec in signal_specs(name, at_configure=True)),
+    *(spec for name in LOOP_SIGNALS for spec in signal_specs(name, at_configure=True)),
 )  # fmt: skip
 
 _SAME_IN_THE_CORE = (
@@ -111,7 +113,7 @@ _SAME_IN_THE_CORE = (
 def check_timeouts(values: dict[str, Any]) -> None:
     """Raise InputError for a timeout between automatic and off."""
     for name in ("measurement_timeout", "feedforward_timeout", "tracking_timeout", "scheduling_variable_timeout"):
-        if AUTOMATIC < values[name] < 0.0:
+        if AUTOMATIC < values.get(name, AUTOMATIC) < 0.0:
             raise InputError(f"{name} = {values[name]}; allowed: -1 for automatic, 0 for off, or above 0 [s]")
 
 
@@ -124,7 +126,7 @@ def check_file_name(values: dict[str, Any]) -> None:
 
 def signal_types(values: dict[str, Any]) -> dict[str, SignalType]:
     """How each signal travels, by its name."""
-    return {name: signal_type(values, name) for name in SIGNALS}
+    return {name: signal_type(values, name) for name in LOOP_SIGNALS}
 
 
 def controller_settings(values: dict[str, Any], control_type: SignalType) -> ControllerSettings:
