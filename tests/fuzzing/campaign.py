@@ -16,6 +16,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -75,6 +76,25 @@ def changed(random: np.random.Generator, seeds: list[bytes]) -> bytes:
     return bytes(case[:LARGEST])
 
 
+def _engine_and_targets(name: str) -> tuple[Any, Any]:
+    """The fuzzing engine, where there is one, and the targets, told what they reach."""
+    try:
+        import atheris
+    except ImportError:
+        atheris = None
+    if atheris is None or name in GENERATED:
+        from . import targets
+
+        return atheris, targets
+    with atheris.instrument_imports(include=["fopid_core", "fopid_ros"]):
+        from . import targets
+
+        for target in filter(None, [targets.TARGETS.get(name)]):
+            for seed in target.seeds():  # what is imported when it is needed is wanted now
+                targets.fault(target, seed)
+    return atheris, targets
+
+
 def main() -> None:
     """Run the campaign that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -82,15 +102,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    try:
-        import atheris
-    except ImportError:
-        atheris = None
-    if atheris and given.target not in GENERATED:
-        with atheris.instrument_imports(include=["fopid_core", "fopid_ros"]):
-            from . import targets
-    else:
-        from . import targets
+    atheris, targets = _engine_and_targets(given.target)
     from .texts import Fuzzer, line_fault
 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))

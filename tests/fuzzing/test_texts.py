@@ -23,6 +23,7 @@ ONCE_BROKEN = [
     ["step", "1/(s+1)", *GAINS, "--points", "1000000000"],
     ["evaluate", "1/(s+1)", "--gains", "1e308,1e308,1e308,1,1"],
     ["step", "1/((s+1)^2)", "--gains", "1e308,0,0,1,1"],
+    ["tune", "time", "1/(100s+1)", "--u-max", "1e-308", "--horizon", ".7", "--timeout", "3", "--json"],
     ["evaluate", "s/((0.02s+1)(10s+1)(1s+1))", "--gains", "1,1e100,1e-3,0.5,0.9", "--json"],
     ["step", "s/((3s+1)(s^2+0.1s+1))", *GAINS, "--json"],
 ]

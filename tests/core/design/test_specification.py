@@ -28,7 +28,7 @@ from fopid_core.model.process import read_process
         ({"horizon": 0.0}, "horizon = 0"),
         ({"ms_max": 1.0}, "ms_max = 1.0; allowed: above 1"),
         ({"ms_max": math.nan}, "ms_max = nan"),
-        ({"u_max": 0.0}, "u_max = 0.0; allowed: above 0"),
+        ({"u_max": 0.0}, "u_max = 0.0; allowed: above 1e-100"),
         ({"noise_max": -3.0}, "noise_max = -3"),
         ({"sample_time": 0.0}, "sample_time = 0"),
         ({"timeout": -1.0}, "timeout = -1"),

@@ -41,6 +41,7 @@ FILTER_TIME, PROPORTIONAL_WEIGHT, DERIVATIVE_WEIGHT = "filter_time", "setpoint_w
 VARIABLES = (*NUMBERS, FILTER_TIME, PROPORTIONAL_WEIGHT, DERIVATIVE_WEIGHT)
 """The five numbers; the time of the filter of the measurement [s], and the two weights of the setpoint."""
 
+LEAST_BOUND = 1e-100  # beside less, no quotient fits a number
 PRACTICAL = (1e-12, 1e12)
 """Times [s] and frequencies [rad/s] that can be asked for."""
 
@@ -264,7 +265,8 @@ class TuningRequest:
             one_of("structure", self.structure, tuple(STRUCTURES))
         require(self.filter_order in FILTER_ORDERS, "filter_order", self.filter_order, "0, 1 or 2")
         require(0.0 < self.load_weight < math.inf, "load_weight", self.load_weight, "above 0")
-        bounds = {"ms_max": 1.0, **dict.fromkeys(("mt_max", "u_max", "noise_max", "noise_rms_max", "rate_max"), 0.0)}
+        others = ("mt_max", "u_max", "noise_max", "noise_rms_max", "rate_max")
+        bounds = {"ms_max": 1.0, **dict.fromkeys(others, LEAST_BOUND)}
         for name, least in bounds.items():
             bound = getattr(self, name)
             require(bound is None or bound > least, name, bound, f"above {least:g}, inf for none")
