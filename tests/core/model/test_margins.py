@@ -164,3 +164,20 @@ def test_a_pole_at_the_origin_that_no_term_shows_makes_the_peaks_infinite() -> N
 def test_a_neutral_loop_has_the_sensitivity_peak_of_its_gain_at_infinity() -> None:
     found = margins(Loop(Process.parse("1/(s+1)*exp(-1s)"), Fopid(0.3, 0.5, 0.5, 0.9, 1.0)))
     assert found.ms == pytest.approx(1.0 / (1.0 - 0.5))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("tiny", [1e-300, 1e-308])
+def test_a_loop_that_is_next_to_nothing_has_all_the_margin_there_is(tiny: float) -> None:
+    found = margins(Loop(read_process("1/(s+1)^3"), Fopid(tiny)))
+    assert (found.ms, found.phase_margin) == (1.0, math.inf)
+    assert found.gain_margin == pytest.approx(8.0 / tiny, rel=1e-6)  # infinite where that is beyond all numbers
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("gain", [0.1, 0.5])
+def test_a_double_pole_on_the_axis_is_no_surprise(gain: float) -> None:
+    # S = (1 - w^2)^2 / ((1 - w^2)^2 + gain) is at most its limit; s^2 = -1 +- j sqrt(gain) has roots on the right.
+    loop = Loop(read_process("1/(s^2+1)^2"), Fopid(gain))
+    assert margins(loop).ms == pytest.approx(1.0, abs=1e-9)
+    assert not stability(loop).stable

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import pytest
@@ -9,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.action import ActionClient
 
+from fopid_core.design.certificate.checker import check
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
@@ -50,6 +52,17 @@ def test_frequency_tuning_is_applied_and_does_what_was_asked(graph: Graph) -> No
     assert results[0].applied
     assert results[0].previous_gains.kp == PI["kp"]
     assert [getattr(results[0].gains, name) for name in GAINS] == gains
+
+
+def test_with_verify_certify_the_controller_gets_the_proof_with_its_gains(graph: Graph) -> None:
+    graph.start("fopid_controller", PI)
+    start_tuner(graph, **{"verify.certify": True})
+    request = Tune.Request(process="2/(3s+1)*exp(-0.5s)", method="rule", rule="simc-pi", apply=True)
+    answer = graph.call(Tune, "fopid_tuner/tune", request)
+    assert answer.applied, answer.message
+    *gains, document = graph.get("fopid_controller", *GAINS, "gains.certificate")
+    assert check(document) == ""
+    assert json.loads(document)["gains"] == gains
 
 
 def test_time_tuning_keeps_its_bound_on_ms(graph: Graph) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopid_core.design.certificate import require_ball_arithmetic
+from fopid_core.design.defaults import MS_MAX
 from fopid_core.design.specification import TuningRequest, TuningResult, require
 from fopid_core.design.verification import EXACT
 from fopid_core.model.process import Process
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
 def certify_tuning(request: TuningRequest, result: TuningResult) -> Certification | None:
     """Prove that the loop of a design is stable and keeps the bounds that were asked for; None without a design.
 
-    A bound is proved with the error that a tuning is allowed to have (one part in a million).
+    A bound is proved with the error that a tuning is allowed to have (one part in a million). What is in force by
+    default is proved as well: max |S| of a tuning in time.
 
     Examples
     --------
@@ -36,6 +38,8 @@ def certify_tuning(request: TuningRequest, result: TuningResult) -> Certificatio
     if result.controller is None:
         return None
     asked = {name: getattr(request, name, None) for name in ("ms_max", "mt_max", "noise_max")}
+    if request.method == "time" and request.ms_max is None:
+        asked["ms_max"] = MS_MAX
     bounds = {name: x * (1.0 + EXACT) for name, x in asked.items() if x is not None and math.isfinite(x)}
     band = math.pi / request.sample_time if "noise_max" in bounds else None
     slow = result.filter.denominator
@@ -45,10 +49,13 @@ def certify_tuning(request: TuningRequest, result: TuningResult) -> Certificatio
     return certify(Family.of(behind_filter), result.controller, Bounds(**bounds, noise_band=band))
 
 
-def uncertified_reason(request: TuningRequest, result: TuningResult, ms_max: float) -> str:
-    """Why a design is not applied for want of a proof, of a bound on max |S| as well; empty when there is one."""
-    tightest = min(ms_max, math.inf if request.ms_max is None else request.ms_max)
+def certificate_or_refusal(request: TuningRequest, result: TuningResult, ms_max: float) -> tuple[str, str]:
+    """The certificate of a design, with a bound on max |S| as well, or why it is not applied; the other is empty."""
+    by_default = MS_MAX if request.method == "time" else math.inf
+    tightest = min(ms_max, by_default if request.ms_max is None else request.ms_max)
     found = certify_tuning(replace(request, ms_max=tightest), result)
     if found is None:
-        return "not applied: no design to certify"
-    return "" if found.certified is True else f"not applied: no certificate (verify.certify): {found.reason}"
+        return "", "not applied: no design to certify"
+    if found.certified is True and found.document is not None:
+        return found.document, ""
+    return "", f"not applied: no certificate (verify.certify): {found.reason}"

@@ -38,7 +38,7 @@ def refine(curve: Callable[[Floats], Complexes], z: Floats) -> tuple[Floats, Com
     """
     values, most = curve(z), max(_MOST_POINTS, 2 * z.size)
     for _ in range(_MOST_HALVINGS):
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # of values that are next to nothing
             wide = np.flatnonzero(np.abs(np.log(values[1:] / values[:-1])) > _LARGEST_CHANGE)
         if wide.size == 0 or z.size + wide.size > most:
             break

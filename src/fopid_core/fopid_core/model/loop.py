@@ -41,7 +41,8 @@ class Loop:
 
     def __call__(self, s: ArrayLike) -> Complexes:
         """L(s) = C(s) P(s) F(s)."""
-        opened = self.controller(s) * self.process(s)
+        with np.errstate(invalid="ignore"):  # a pole on the axis: infinite
+            opened = self.controller(s) * self.process(s)
         return opened if self.filter.is_idle else opened * self.filter(s)
 
     def sensitivity(self, s: ArrayLike) -> Complexes:

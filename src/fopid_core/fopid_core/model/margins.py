@@ -169,6 +169,7 @@ def _phase_crossings(loop: Loop, z: Floats, response: Complexes) -> Floats:
 def _gain_margin(loop: Loop, phase_crossovers: Floats) -> tuple[float, float]:
     if phase_crossovers.size == 0:
         return math.inf, math.nan
-    factors = 1.0 / np.abs(loop(1j * phase_crossovers))
+    with np.errstate(divide="ignore", over="ignore"):  # no number is large enough a gain for a loop next to nothing
+        factors = 1.0 / np.abs(loop(1j * phase_crossovers))
     nearest = int(np.argmin(np.abs(np.log(factors))))
     return float(factors[nearest]), float(phase_crossovers[nearest])

@@ -20,6 +20,8 @@ OF_ALL_JOINTS = ("sample_time", "mode")
 ANSWER_TIME = 3.0
 """How long the controller may take to answer [s]."""
 LOOK_AGAIN = 0.05  # [s]
+LONGEST_CERTIFICATE = 20_000
+"""Characters that a controller keeps; a longer proof is not handed over, the gains are."""
 
 
 class UnconfirmedError(InputError):
@@ -88,7 +90,7 @@ class ControllerClient:
         """The gains in force."""
         return Fopid(*self.get(*GAINS))
 
-    def apply(self, gains: Fopid, status: str = "") -> Fopid:
+    def apply(self, gains: Fopid, status: str = "", certificate: str = "") -> Fopid:
         """Hand over the gains: the controller swaps them between two ticks; the gains before.
 
         Parameters
@@ -97,6 +99,8 @@ class ControllerClient:
         status : str
             ``verified``, or ``trial`` for gains that a controller which is started again must not begin with. Empty
             for gains that were in force before: the controller knows what they are.
+        certificate : str
+            That the gains hold the loop, where there is one; kept with them.
 
         Raises
         ------
@@ -107,6 +111,8 @@ class ControllerClient:
         """
         previous = self.gains()
         provenance = {"gains.status": status, "gains.origin": self._origin} if status else {}
+        if 0 < len(certificate) <= LONGEST_CERTIFICATE:
+            provenance["gains.certificate"] = certificate
         self._set({**dict(zip(GAINS, gains.gains, strict=True)), **provenance}, previous)
         return previous
 

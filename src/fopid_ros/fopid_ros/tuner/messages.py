@@ -85,7 +85,7 @@ def criteria(tuning: TuningRequest, defaults: dict[str, Any]) -> AcceptanceCrite
     from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria
 
     limits = RobustLimits(defaults["verify.worst_ms_max"], defaults["verify.worst_phase_margin"])
-    return AcceptanceCriteria(tuning, limits, defaults["verify.ticks"])
+    return AcceptanceCriteria(tuning, limits, defaults["verify.ticks"], defaults["verify.certify"])
 
 
 def tuning_request(request: Tune.Request, defaults: dict[str, Any]) -> TuningRequest:

@@ -206,14 +206,14 @@ class TunerNode(ManagedNode):
         wanted = tuning_request(request, values)
         result = tune(wanted, clock=job.clock)
         job.go_on()
-        applied = Applied(False, "")
+        applied, certificate = Applied(False, ""), ""
         if request.apply:
             refused = rejection_reason(result, values["sample_time"], values["verify.ms_max"], values["verify.ticks"])
             if values["verify.certify"] and not refused:
-                from fopid_core.design.certified_tuning import uncertified_reason
+                from fopid_core.design.certified_tuning import certificate_or_refusal
 
-                refused = uncertified_reason(wanted, result, values["verify.ms_max"])
-            applied = Applied(False, refused) if refused else self._apply(result.controller)
+                certificate, refused = certificate_or_refusal(wanted, result, values["verify.ms_max"])
+            applied = Applied(False, refused) if refused else self._apply(result.controller, certificate)
         response.success = result.success and (applied.done or not request.apply)
         response.applied = applied.done
         response.message = "; ".join(text for text in (result.message, applied.message) if text)
@@ -225,9 +225,9 @@ class TunerNode(ManagedNode):
         self._publish_result(response, wanted, applied)
         self.get_logger().info(f"{wanted.method}: {response.message}")
 
-    def _apply(self, gains: Fopid) -> Applied:
+    def _apply(self, gains: Fopid, certificate: str) -> Applied:
         try:
-            return Applied(True, "applied", self._controller.apply(gains, "verified"))
+            return Applied(True, "applied", self._controller.apply(gains, "verified", certificate))
         except InputError as error:
             return Applied(False, f"not applied: {error}")
 

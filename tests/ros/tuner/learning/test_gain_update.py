@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -10,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from fopid_core.design.certificate.checker import check
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.robust_verification import RobustLimits
@@ -44,6 +46,7 @@ class Running:
         self.history = History(10.0)
         self.applied: list[Fopid] = []
         self.statuses: list[str] = []
+        self.certificates: list[str] = []
         self.stages: list[Stage] = []
         self._measurement, self._cancelled_at = measurement, cancelled_at
         self._hook: Callable[[Tick], None] | None = None
@@ -51,7 +54,8 @@ class Running:
     def set_tick_hook(self, hook: Callable[[Tick], None] | None) -> None:
         self._hook = hook
 
-    def apply(self, gains: Fopid, status: str = "") -> Fopid:
+    def apply(self, gains: Fopid, status: str = "", certificate: str = "") -> Fopid:
+        self.certificates.append(certificate)
         before = self.applied[-1] if self.applied else OLD
         self.applied.append(gains)
         self.statuses.append(status)
@@ -89,9 +93,11 @@ def learnt() -> IdentificationResult:
     return identify(Record(time, control, measured), "foptd")  # type: ignore[arg-type]
 
 
-def handover_of(running: Running, delay_margin_min: float = 2.0, sample_time: float = SAMPLE_TIME) -> GainUpdate:
+def handover_of(
+    running: Running, delay_margin_min: float = 2.0, sample_time: float = SAMPLE_TIME, certify: bool = False
+) -> GainUpdate:
     controller = RunningController(OLD, sample_time, -math.inf, math.inf)
-    criteria = AcceptanceCriteria(TuningRequest(read_process("P1")), RobustLimits(), delay_margin_min)
+    criteria = AcceptanceCriteria(TuningRequest(read_process("P1")), RobustLimits(), delay_margin_min, certify)
     loop: Any = running
     return GainUpdate(loop, loop, loop, controller, criteria)
 
@@ -114,6 +120,21 @@ def test_a_design_that_leaves_too_few_ticks_is_refused(learnt: IdentificationRes
     outcome = handover_of(Running(lambda _: 1.0), delay_margin_min=1e4).design(learnt)
     assert not outcome.success
     assert "is below 100 s (verify.ticks)" in outcome.message
+
+
+def test_with_verify_certify_the_gains_go_out_with_a_proof_of_the_learnt_loop(learnt: IdentificationResult) -> None:
+    running = Running(lambda t: 1.0 + 0.005 * math.sin(7.0 * t))
+    gain_update = handover_of(running, certify=True)
+    outcome = gain_update.design(learnt)
+    assert gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0).success
+    (document,) = running.certificates
+    assert check(document) == ""
+    assert json.loads(document)["claims"]["ms_max"] == pytest.approx(RobustLimits().ms_max)
+    assert json.loads(document)["gains"] == list(running.applied[0].gains)
+
+
+def test_without_it_none_is_made(learnt: IdentificationResult) -> None:
+    assert handover_of(Running(lambda _: 1.0)).design(learnt).certificate == ""
 
 
 def test_gains_under_which_the_loop_stays_as_good_are_kept(learnt: IdentificationResult) -> None:
@@ -180,7 +201,7 @@ def test_gains_that_may_have_been_taken_can_be_taken_back(learnt: Identification
     running = Running(lambda _: 1.0)
     gain_update, outcome = handed_over(running, learnt)
 
-    def unconfirmed(gains: Fopid, status: str = "") -> Fopid:
+    def unconfirmed(gains: Fopid, status: str = "", *_: str) -> Fopid:
         raise UnconfirmedError("no answer", OLD)
 
     taken, running.apply = running.apply, unconfirmed  # type: ignore[method-assign]

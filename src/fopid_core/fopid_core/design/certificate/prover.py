@@ -127,7 +127,9 @@ def _verdict(found: Subdivision, loop: LoopEnclosure) -> tuple[bool | None, str]
         everywhere = ", everywhere in the region" if names else ""
         return True, f"{_claim_text(loop.bounds)}{everywhere}"
     if names:
-        return None, f"not known: proved for {found.closed:.1%} of the region, open for {found.open:.1%}"
+        told = f"not known after {found.attempts} pieces: proved for {found.closed:.1%} of the region"
+        widest = f" or a narrower {names[found.root.axis]}" if found.root.children else ""
+        return None, f"{told}, open for {found.open:.1%}; that needs more effort{widest}"
     return None, _undecided(found.root)
 
 

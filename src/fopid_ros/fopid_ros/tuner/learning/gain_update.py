@@ -38,11 +38,14 @@ class AcceptanceCriteria:
         What must hold on every process that the record leaves possible.
     delay_margin_min : float
         Delay margin that they must leave, in ticks.
+    certify : bool
+        Whether stability and ``limits.ms_max`` must be proved for the learnt process.
     """
 
     tuning: TuningRequest
     limits: RobustLimits
     delay_margin_min: float
+    certify: bool = False
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,7 @@ class Outcome:
     model: IdentifiedModel | None = None
     tuned: RobustTuning | None = None
     previous: Fopid | None = None
+    certificate: str = ""
 
 
 @dataclass(frozen=True)
@@ -134,9 +138,15 @@ class GainUpdate:
         refused = rejection_reason(
             tuned.tuning, self._controller.sample_time, math.inf, self._criteria.delay_margin_min
         )
+        certificate = ""
+        if self._criteria.certify and not refused and found.best is not None:
+            from fopid_core.design.certified_tuning import certificate_or_refusal
+
+            learnt = replace(wanted, process=found.best.process)
+            certificate, refused = certificate_or_refusal(learnt, tuned.tuning, self._criteria.limits.ms_max)
         if refused:
             return replace(outcome, message=refused)
-        return replace(outcome, success=True, message=tuned.message)
+        return replace(outcome, success=True, message=tuned.message, certificate=certificate)
 
     def apply_and_monitor(
         self, outcome: Outcome, before: LoopPerformance, residual_transient: float, error_factor: float,
@@ -163,7 +173,7 @@ class GainUpdate:
         self._wait.report(Stage("applying", 0.75, message=str(design.controller)))
         self._trial_gains = design.controller
         try:
-            self._previous_gains = self._client.apply(design.controller, "trial")
+            self._previous_gains = self._client.apply(design.controller, "trial", outcome.certificate)
         except UnconfirmedError as error:  # they may have been taken: taking back must not depend on it
             self._previous_gains = error.previous
             raise
