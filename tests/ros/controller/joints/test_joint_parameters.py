@@ -1,0 +1,42 @@
+"""A joint has every parameter that its controller's numbers depend on, with the single controller's defaults."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import pytest
+
+from fopid_core.errors import InputError
+from fopid_core.model.fopid import Fopid
+from fopid_core.runtime.settings import ControllerSettings
+from fopid_ros.common.signals import SignalType
+from fopid_ros.controller.joints.parameters import OF_A_JOINT, OF_ALL, joint_settings, joint_specs, signal_types
+from fopid_ros.controller.parameters import SPECS, controller_settings
+
+SINGLE = {spec.name: spec.default for spec in SPECS}
+
+
+def values(**given: object) -> dict[str, object]:
+    return {spec.name: spec.default for spec in joint_specs(["elbow", "wrist"])} | given
+
+
+def test_every_setting_of_the_core_is_a_joints_own_or_common() -> None:
+    known = {*OF_A_JOINT, *(name.split(".")[0] for name in OF_ALL), "gains"}
+    assert {field.name for field in fields(ControllerSettings)} <= known
+
+
+def test_a_joint_is_set_up_as_a_single_controller_with_the_same_parameters() -> None:
+    own = {"kp": 2.0, "ki": 1.5, "lam": 0.8, "control_max": 3.0, "deadband": 0.1, "angle_wraparound": True}
+    given = values(**{f"gains.wrist.{name}": value for name, value in own.items()}, sample_time=0.02, horizon=9.0)
+    elbow, wrist = joint_settings(given, signal_types(given)["control"])
+    assert wrist == controller_settings({**SINGLE, **own, "sample_time": 0.02, "horizon": 9.0}, SignalType())
+    assert elbow.gains == Fopid(0.0)
+
+
+def test_names_of_the_messages_may_differ_from_those_of_the_joints() -> None:
+    types = signal_types(values(reference_and_state_dof_names=["arm/2", "arm/3"]))
+    message = types["setpoint"].message_type(name=["arm/3", "arm/2"], position=[3.0, 2.0])
+    assert types["setpoint"].read(message) == [2.0, 3.0]
+    for given in (["a", "a"], ["a"]):
+        with pytest.raises(InputError, match="reference_and_state_dof_names"):
+            signal_types(values(reference_and_state_dof_names=given))
