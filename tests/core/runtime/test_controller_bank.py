@@ -30,6 +30,7 @@ def varied(random: np.random.Generator, sample_time: float = H) -> ControllerSet
         derivative_filter_time=float(random.choice([0.0, 0.02])), tracking_time=float(random.choice([0.0, 0.5])),
         setpoint_rate_max=float(random.choice([2.0, math.inf])), deadband=float(random.choice([0.0, 0.05])),
         antiwindup=str(random.choice(["none", "back_calculation", "conditional_integration"])),  # type: ignore[arg-type]
+        measurement_filter_order=int(random.integers(3)), measurement_filter_time=0.02,
         bumpless=bool(random.choice([True, False])), angle_wraparound=bool(random.choice([True, False])),
     )  # fmt: skip
 

@@ -15,7 +15,8 @@ from fopid_ros.controller.parameters import SIGNALS, SPECS, controller_settings
 
 OF_A_JOINT = (
     "kp", "ki", "kd", "lam", "mu", "setpoint_rate_max", "deadband", "angle_wraparound", "setpoint_weight",
-    "derivative_setpoint_weight", "derivative_filter_time", "measurement_filter_order", "measurement_filter_time", "control_min", "control_max", "control_rate_max",
+    "derivative_setpoint_weight", "derivative_filter_time", "measurement_filter_order",
+    "measurement_filter_time", "control_min", "control_max", "control_rate_max",
     "antiwindup", "tracking_time", "bumpless", "safe_control",
 )  # fmt: skip
 PROVENANCE = ("status", "origin")
