@@ -41,7 +41,7 @@ _WINDOW = 2**27  # [bytes], what zstd itself takes without being asked
 
 UNREADABLE = (
     ReaderError, TypesysError, McapError, apsw.Error, sqlite3.Error, ZstdError, zstandard.ZstdError, OSError,
-    UnicodeDecodeError, struct.error, LookupError, ArithmeticError, MemoryError,
+    UnicodeDecodeError, struct.error, LookupError, ArithmeticError, MemoryError, StopIteration,
 )  # fmt: skip
 """What opening or reading a damaged file may raise."""
 
@@ -73,6 +73,14 @@ class BagFiles:
         return [connection for reader in self.readers for connection in reader.connections]
 
 
+def _entered(stack: ExitStack, file: Path) -> Reader:
+    """The library's reader; of a damaged index it trips over types that it takes for granted."""
+    try:
+        return stack.enter_context(Reader(file))
+    except (StopIteration, TypeError, AttributeError, ValueError, AssertionError) as error:
+        raise ReaderError(f"{file.name} is damaged: {one_line(error) or type(error).__name__}") from None
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[BagFiles]:
     """Open a bag's folder or one of its files; nothing in it is changed.
@@ -91,7 +99,7 @@ def opened(path: Path) -> Iterator[BagFiles]:
         try:
             files = files_of(path)
             prepared = [_prepared(file, Path(folder, str(i))) for i, file in enumerate(files)]
-            readers = tuple(stack.enter_context(Reader(file)) for file in prepared)
+            readers = tuple([_entered(stack, file) for file in prepared])
             custom = read_custom_data(path if path.is_dir() else path.parent)
             most = most_bytes(sum(file.stat().st_size for file in files))
             yield BagFiles(readers, custom, all(map(is_whole, files)) and REPAIRED not in custom, most)
