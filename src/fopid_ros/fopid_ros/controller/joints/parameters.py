@@ -19,8 +19,8 @@ OF_A_JOINT = (
     "measurement_filter_time", "control_min", "control_max", "control_rate_max",
     "antiwindup", "tracking_time", "bumpless", "safe_control",
 )  # fmt: skip
-PROVENANCE = ("status", "origin")
-"""Of a joint's gains: those of the single controller are called gains.status and gains.origin."""
+PROVENANCE = ("status", "origin", "certificate")
+"""Of a joint's gains: those of the single controller have the same names without the joint."""
 OF_ALL = (
     "sample_time", "band.low", "band.high", "band.poles", "horizon", "measurement_timeout", "setpoint_timeout",
     "manual_control_timeout", "feedforward_timeout", "tracking_timeout", "tracking.enabled", "on_stale",
