@@ -76,16 +76,19 @@ def autotune_request(goal: Autotune.Goal, defaults: dict[str, Any]) -> AutotuneR
               for name in ("method", "phase_margin", "crossover", "index", "ms_max", "u_max")}  # fmt: skip
     # The process to tune for is what will be learnt; until then any stands for it.
     tuning = tuning_request(Tune.Request(process="P1", **shared), defaults)
-    return AutotuneRequest(ExperimentSettings(**chosen), template, criteria(tuning, defaults), goal.propose_only)
+    wanted = criteria(tuning, defaults, compare=not goal.method)
+    return AutotuneRequest(ExperimentSettings(**chosen), template, wanted, goal.propose_only)
 
 
-def criteria(tuning: TuningRequest, defaults: dict[str, Any]) -> AcceptanceCriteria:
-    """What gains for a learnt process must fulfil, by the node's parameters."""
+def criteria(tuning: TuningRequest, defaults: dict[str, Any], compare: bool = False) -> AcceptanceCriteria:
+    """What gains for a learnt process must fulfil, by the node's parameters; whether methods are compared."""
     from fopid_core.design.robust_verification import RobustLimits
     from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria
 
     limits = RobustLimits(defaults["verify.worst_ms_max"], defaults["verify.worst_phase_margin"])
-    return AcceptanceCriteria(tuning, limits, defaults["verify.ticks"], defaults["verify.certify"])
+    return AcceptanceCriteria(
+        tuning, limits, defaults["verify.ticks"], defaults["verify.certify"], compare, defaults["verify.noise_share"]
+    )
 
 
 def tuning_request(request: Tune.Request, defaults: dict[str, Any]) -> TuningRequest:

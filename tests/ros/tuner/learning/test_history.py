@@ -42,6 +42,30 @@ def test_only_the_newest_stretch_is_kept_and_asked_for() -> None:
     assert filled().record(since=0.95).span == pytest.approx(3.9)
 
 
+def test_an_experiment_is_kept_whole_however_short_the_history_is() -> None:
+    history = History(5.0)
+    history.whole_since = 2.0
+    for k in range(500):
+        history.add("measurement", 0.1 * k, float(k))
+        history.add("control", 0.1 * k, 0.0)
+    assert history.record(2.0).span == pytest.approx(47.9)
+    history.whole_since = math.inf
+    history.add("measurement", 50.0, 0.0)
+    history.add("control", 50.0, 0.0)
+    assert history.record().span == pytest.approx(5.0, abs=0.15)
+
+
+def test_a_record_that_was_too_long_to_keep_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fopid_ros.tuner.learning.history.MOST", 40)
+    history = History(1e6)
+    history.whole_since = 0.0
+    for k in range(60):
+        history.add("measurement", 0.1 * k, float(k))
+        history.add("control", 0.1 * k, 0.0)
+    with pytest.raises(InputError, match="experiment of more than 40 samples"):
+        history.record(0.0)
+
+
 def test_a_setpoint_that_does_not_change_is_never_forgotten() -> None:
     assert filled(kept=4.0, samples=500).record().setpoint is not None
 

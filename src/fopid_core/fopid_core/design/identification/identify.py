@@ -38,6 +38,8 @@ SIMPLER = 1.01
 """A model with fewer numbers is preferred while its held-back error is at most so many times the smallest."""
 LEAST_FIT = 80.0
 """Below this fit [%] the control explains too little of the measurement, unless the rest is white noise."""
+NOISES, LEAST_FIT_IN_NOISE = 1.5, 50.0
+"""Unless it leaves no more than so many times the noise that was measured at rest, and still explains so much [%]."""
 MOST_DEVIATION = 0.25
 """Largest standard deviation of the model at its natural crossover, as a share of its size."""
 SHORTEST = 3.0
@@ -153,7 +155,9 @@ class IdentificationResult:
     elapsed: float
 
 
-def identify(record: Record, template: str = "all", clock: Clock = time.perf_counter) -> IdentificationResult:
+def identify(
+    record: Record, template: str = "all", clock: Clock = time.perf_counter, noise: float = 0.0
+) -> IdentificationResult:
     """Fit models to a record and judge them.
 
     Parameters
@@ -164,6 +168,9 @@ def identify(record: Record, template: str = "all", clock: Clock = time.perf_cou
         ``rational:N/M`` with a denominator of order N and a numerator of order M; or several with commas.
     clock : callable
         Gives the time [s].
+    noise : float
+        Standard deviation of the measurement's noise, where it is known: a model that leaves little more has explained
+        what there is, however small the moves were.
 
     Returns
     -------
@@ -196,7 +203,7 @@ def identify(record: Record, template: str = "all", clock: Clock = time.perf_cou
     if template == "all" and _miss_something(models):
         models += _models(record, rough, [structure_of(name) for name in RICHER])
     best = _preferred(models)
-    refusal = _refusal(record, best)
+    refusal = _refusal(record, best, noise)
     return IdentificationResult(not refusal, refusal or _told(best), models, best, clock() - begun)
 
 
@@ -291,9 +298,10 @@ def _refusal_before(record: Record) -> str:
     )
 
 
-def _refusal(record: Record, best: IdentifiedModel) -> str:
+def _refusal(record: Record, best: IdentifiedModel, noise: float) -> str:
     """Why the best model may not be used."""
-    if best.fit_pct < LEAST_FIT and not best.whiteness.white:
+    explains_little = best.fit_pct < LEAST_FIT and not best.whiteness.white
+    if explains_little and (best.noise > NOISES * noise or best.fit_pct < LEAST_FIT_IN_NOISE):
         return f"the control explains only {max(best.fit_pct, 0.0):.0f} % of the measurement: {_advice(record)}"
     if not process_stability(best.process).stable:
         return f"the model that fits best is unstable: {_STABILISE}"

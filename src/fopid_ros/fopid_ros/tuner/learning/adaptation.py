@@ -11,7 +11,7 @@ from fopid_core.design.identification.record import Record
 from fopid_core.errors import InputError
 from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
 from fopid_ros.tuner.controller_client import ControllerClient
-from fopid_ros.tuner.learning.closed_loop_experiment import INTEGRAL_TIMES, integral_time
+from fopid_ros.tuner.learning.closed_loop_experiment import INTEGRAL_TIMES
 from fopid_ros.tuner.learning.gain_update import (
     AcceptanceCriteria,
     GainUpdate,
@@ -19,6 +19,7 @@ from fopid_ros.tuner.learning.gain_update import (
     RunningController,
     read_running_controller,
 )
+from fopid_ros.tuner.learning.loop_baseline import integral_time
 from fopid_ros.tuner.learning.loop_tap import LoopTap
 from fopid_ros.tuner.learning.loop_wait import LoopWait
 

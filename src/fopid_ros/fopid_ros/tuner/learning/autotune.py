@@ -7,13 +7,16 @@ from dataclasses import dataclass
 
 from fopid_core.design.identification.identify import identify
 from fopid_ros.tuner.controller_client import ControllerClient
-from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings, LoopBaseline
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, read_running_controller
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 
 EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""
+SETTLE_SHARE, CALM_SHARE = 0.3, 0.05
+"""How long the experiment may take to die out, and how long calm is asked for, in lengths of the experiment."""
 MOVED_SHARE = 0.5
 """The share of the allowed deviation that new gains may cause."""
 
@@ -78,17 +81,19 @@ class Autotuner:
             self._gain_update.roll_back()
             raise
         finally:
+            self._tap.history.whole_since = math.inf
             self._tap.end_injection()
 
     def _run(self) -> Outcome:
         self._experiment.measure()
         began, outcome = self._tap.history.newest_time("control"), Outcome()
+        self._tap.history.whole_since = began
         for _ in range(EXPERIMENTS):
             ended = self._experiment.excite()
             if ended:
                 return Outcome(message=f"the experiment was stopped, nothing was changed: {ended}")
             outcome = self._learn(began)
-            if outcome.success:
+            if outcome.success or not self._experiment.fits:
                 break
         if not outcome.success or self._request.propose_only:
             return outcome
@@ -98,15 +103,17 @@ class Autotuner:
     def _learn(self, began: float) -> Outcome:
         """A model of all that was heard since ``began``, and gains for it."""
         self._wait.report(Stage("identifying", 0.6))
-        found = identify(self._tap.history.record(began), self._request.template)
+        record = self._tap.history.record(began)
+        found = identify(record, self._request.template, noise=self._experiment.loop.noise)
         if not found.success or found.best is None:
             return Outcome(message=f"nothing was changed: {found.message}", model=found.best)
-        return self._gain_update.design(found)
+        return self._gain_update.design(found, self._experiment.loop.noise)
 
     def _settle(self) -> None:
-        """Wait until the experiment has died out, or for the length of it at most."""
+        """Wait until the experiment has died out."""
         near, newest = self._experiment.residual_transient(), Tick(-math.inf, 0.0, 0.0, 0.0)
-        limit, calm_since, setpoint = self._experiment.duration, [math.inf], self._experiment.loop.setpoint
+        limit, calm_since = SETTLE_SHARE * self._experiment.duration, [math.inf]
+        setpoint = self._experiment.loop.setpoint
         began: list[float] = []
 
         def hook(tick: Tick) -> None:
@@ -117,7 +124,7 @@ class Autotuner:
             calm_since[0] = min(calm_since[0], tick.time) if calm else math.inf
 
         self._tap.set_tick_hook(hook)
-        calm_for = 0.1 * limit
+        calm_for = CALM_SHARE * self._experiment.duration
         self._wait.until(
             lambda: bool(began) and (newest.time - calm_since[0] >= calm_for or newest.time - began[0] >= limit),
             lambda: Stage("applying", 0.72, deviation=newest.measurement - setpoint, message="letting it settle"),

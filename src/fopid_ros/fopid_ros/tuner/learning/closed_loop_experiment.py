@@ -6,15 +6,13 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
-
-import numpy as np
+from dataclasses import dataclass
 
 from fopid_core.errors import InputError
-from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
-from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
-from fopid_ros.tuner.learning.gain_update import TICKS_MIN, RunningController
+from fopid_ros.tuner.learning.gain_update import TICKS_MIN
+from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
+from fopid_ros.tuner.learning.loop_baseline import STEADY_STATE_SHARE, LoopBaseline, integral_time, resolution
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 
@@ -23,14 +21,31 @@ EXCITATIONS = {"prbs": (1 << PRBS_ORDER) - 1, "relay": 8, "step": 2}
 """Kinds of experiment, and into how many holds each divides its duration."""
 INTEGRAL_TIMES = 20.0
 """Length of the experiment when nobody says it, in integral times of the present controller."""
-FIRST_SHARE = 0.1
-"""Share of the allowed deviation that the first, careful move is meant to make."""
-WANTED_SHARE, MOST_LARGER, PROBES = 0.35, 10.0, 4
-"""Share that a step is meant to make, and how that is approached."""
-MOST_SHARE = 0.6
-"""Share that an experiment aims at that is made because the one before said too little."""
-STEADY_STATE_SHARE, SETTLED_SHARE = 0.1, 0.05
-"""Share of the allowed deviation, and of the largest one made, that counts as rest."""
+REST_SHARE, LOOKS = 0.1, 10
+"""Share of that length over which rest is judged, and how often meanwhile."""
+PROBE_SHARE, PROBES = 1.0 / 12.0, 8
+"""Share of that length that a probe is held at most, and how many there are at most."""
+FIRST_NOISES, FIRST_RANGE, FIRST_SHARE = 3.0, 0.002, 0.1
+"""The first probe: what holds a deviation of so many noises, that share of the control's range, or what holds that
+share of the allowed deviation, whichever is least."""
+MOST_LARGER = 4.0
+"""How much larger a probe is than the one before at most."""
+RANGE_SHARE, ROOM_SHARE = 0.1, 0.8
+"""No move is larger than these shares of the control's range, and of what is left to its limits."""
+WANTED_NOISES, WANTED_SHARE = 15.0, 0.35
+"""How far a probe is meant to move the measurement: so many noises, at most that share of the allowed deviation."""
+SEEN_SWINGS = 2.0
+"""A move of so many times what the measurement does at rest is an answer."""
+MOST_SHARE, MOST_LARGER_AGAIN = 0.6, 3.0
+"""Share that an experiment aims at that is made because the one before said too little, and how much larger it is."""
+SETTLED_SHARE = 0.05
+"""Share of the largest deviation made that counts as rest."""
+SEEN_SAMPLES = 2000
+"""So many of the newest samples show how a measurement is quantised."""
+TOTAL, KEPT = 2.0, 1.5
+"""How long all of it takes, in lengths of the experiment, and the factor within which that is kept."""
+FORESIGHT = 0.25
+"""How far ahead the first probe is judged, as a share of its hold."""
 
 
 @dataclass(frozen=True)
@@ -55,46 +70,6 @@ class ExperimentSettings:
     duration: float = 0.0
 
 
-@dataclass
-class LoopBaseline:
-    """The loop before anything is done to it.
-
-    Attributes
-    ----------
-    controller : RunningController
-    setpoint : float
-    noise : float
-        Standard deviation of the measurement's noise.
-    deviation_max : float
-        Largest distance from the setpoint that is allowed.
-    offset : float
-        Of the measurement from the setpoint, on the average.
-    drift : float
-        By how much that changes from the first half of the time looked at to the second.
-    figures : LoopPerformance
-    """
-
-    controller: RunningController
-    setpoint: float = 0.0
-    noise: float = 0.0
-    deviation_max: float = 0.0
-    figures: LoopPerformance = field(default_factory=lambda: PerformanceMeter(1.0).figures)
-    offset: float = 0.0
-    drift: float = 0.0
-
-    @property
-    def at_steady_state(self) -> bool:
-        """Whether the measurement stays near the setpoint, and does not only pass it."""
-        return max(abs(self.offset), abs(self.drift)) <= STEADY_STATE_SHARE * self.deviation_max
-
-
-def integral_time(gains: Fopid) -> float:
-    """(kp/ki)^(1/lam), the time scale that whoever chose these gains had in mind [s]; NaN where there is none."""
-    if not (gains.kp and gains.ki and gains.lam):
-        return math.nan
-    return float(abs(gains.kp / gains.ki) ** (1.0 / gains.lam))
-
-
 class ClosedLoopExperiment:
     """Moves the loop within bounds, through what is added to its control.
 
@@ -115,7 +90,7 @@ class ClosedLoopExperiment:
     def __init__(self, tap: LoopTap, wait: LoopWait, loop: LoopBaseline, wanted: ExperimentSettings) -> None:
         self.loop = loop
         self._tap, self._wait, self._wanted = tap, wait, wanted
-        self._amplitude = self._peak = 0.0
+        self._amplitude = self._peak = self._foresight = self._began = 0.0
         self.duration = self._chosen_duration()
 
     def _chosen_duration(self) -> float:
@@ -128,49 +103,46 @@ class ClosedLoopExperiment:
     def measure(self) -> None:
         """The loop as it is, once it rests: where, and how noisy it is."""
         loop, duration = self.loop, self.duration
-        window = max(TICKS_MIN * loop.controller.sample_time, 0.05 * duration)
+        window = max(TICKS_MIN * loop.controller.sample_time, REST_SHARE * duration)
         ticks: deque[Tick] = deque()
         begun: list[float] = []
+        looked: list[float] = [-math.inf]
 
         def hook(tick: Tick) -> None:
-            begun.append(tick.time) if not begun else None
+            if not begun:
+                begun.append(tick.time)
+                self._began = tick.time
             ticks.append(tick)
             while tick.time - ticks[0].time > window:
                 ticks.popleft()
 
         def measured() -> bool:
-            now = list(ticks)
-            if not now or now[-1].time - begun[0] < window:
+            now = ticks[-1].time if ticks else -math.inf
+            if not ticks or now - begun[0] < window or now - looked[0] < window / LOOKS:
                 return False
-            self._measure_baseline(now)
-            return loop.at_steady_state or now[-1].time - begun[0] > duration
+            looked[0] = now
+            loop.measure(list(ticks), self._wanted.deviation_max, self._tap.history.travel("setpoint"))
+            return loop.at_steady_state or now - begun[0] > duration
 
         self._tap.set_tick_hook(hook)
         self._wait.until(
-            measured, lambda: Stage("measuring", 0.0, deviation=loop.offset, message="waiting until it rests")
+            measured,
+            lambda: Stage("measuring", 0.0, self.estimate, loop.offset, message=f"about {self.estimate:.3g} s in all"),
         )
         if not loop.at_steady_state:
-            off = (
-                f"measurement {loop.offset:+.4g} off the setpoint, drifting by {loop.drift:+.4g}, for {duration:.3g} s"
-            )
-            raise InputError(f"{off}; allowed: a loop at rest, {STEADY_STATE_SHARE * loop.deviation_max:.4g} at most")
+            most = STEADY_STATE_SHARE * loop.deviation_max
+            raise InputError(f"{loop.unrest}, for {duration:.3g} s; allowed: a loop at rest, {most:.4g} at most")
 
-    def _measure_baseline(self, ticks: list[Tick]) -> None:
-        """What the last ticks show of the loop."""
-        loop = self.loop
-        measured = np.array([tick.measurement for tick in ticks])
-        meter = PerformanceMeter(loop.controller.sample_time)
-        for tick in ticks:
-            meter.step(tick.setpoint, tick.measurement, loop.controller.saturated(tick.control))
-        loop.figures = meter.figures
-        loop.setpoint = ticks[-1].setpoint
-        loop.offset = float(measured.mean()) - loop.setpoint
-        first, second = np.array_split(measured, 2)
-        loop.drift = float(second.mean() - first.mean())
-        loop.noise = float(np.std(np.diff(measured)) / math.sqrt(2.0))
-        loop.deviation_max = self._wanted.deviation_max or max(0.1 * abs(loop.setpoint), 20.0 * loop.noise)
-        if not loop.deviation_max > 0.0:
-            raise InputError("deviation_max = 0; allowed: above 0, since setpoint and noise are 0 and give no scale")
+    @property
+    def estimate(self) -> float:
+        """How long rest, probes, experiment and what follows take [s]."""
+        return TOTAL * self.duration
+
+    @property
+    def fits(self) -> bool:
+        """Whether there is time for one more experiment within what was announced."""
+        now = self._tap.history.newest_time("control")
+        return now + self.duration - self._began <= KEPT * self.estimate
 
     def excite(self) -> str:
         """Make the experiment, with larger moves than the last one if that moved too little.
@@ -187,14 +159,17 @@ class ClosedLoopExperiment:
             if ended:
                 return ended
         else:
-            self._amplitude *= min(max(MOST_SHARE * self.loop.deviation_max / self._response_amplitude(), 1.0), 3.0)
+            larger = MOST_SHARE * self.loop.deviation_max / max(self._peak, 1e-300)
+            self._amplitude = min(self._amplitude * min(max(larger, 1.0), MOST_LARGER_AGAIN), self._most())
         excitation = Excitation(self._settings(self._wanted.excitation, self._amplitude, self.duration))
         self._run_excitation(excitation, lambda: 0.1 + 0.5 * excitation.progress)
         return "" if excitation.completed else excitation.reason
 
-    def _response_amplitude(self) -> float:
-        """How far the last move took the measurement, noise apart."""
-        return max(self._peak - 3.0 * self.loop.noise, 1e-300)
+    def _most(self) -> float:
+        """The largest move of the control that is ever made."""
+        controller, now = self.loop.controller, self.loop.control
+        room = min(now - controller.control_min, controller.control_max - now)
+        return min(RANGE_SHARE * controller.control_range, ROOM_SHARE * max(room, 0.0))
 
     def _settings(self, kind: str, amplitude: float, duration: float) -> ExcitationSettings:
         loop = self.loop
@@ -206,43 +181,58 @@ class ClosedLoopExperiment:
         )  # fmt: skip
 
     def _probe(self) -> str:
-        """Find the amplitude that moves the measurement by a good part of what is allowed, from below."""
-        loop, gains = self.loop, self.loop.controller.gains
-        if not (gains.kp or math.isfinite(loop.controller.control_max - loop.controller.control_min)):
-            raise InputError("amplitude = 0; allowed: above 0, since kp = 0 and no limits of the control give a scale")
-        sizes = [FIRST_SHARE * loop.deviation_max * abs(gains.kp)] if gains.kp else []
-        amplitude = min([*sizes, 0.05 * (loop.controller.control_max - loop.controller.control_min)])
+        """Find the amplitude that moves the measurement well beyond its noise, from below."""
+        loop = self.loop
+        amplitude = self._first_amplitude()
+        seen = max(SEEN_SWINGS * loop.swing, loop.noise)
         for _ in range(PROBES):
-            excitation = Excitation(self._settings("step", amplitude, self.duration / 6.0))
-            self._run_excitation(excitation, lambda: 0.05)
+            wanted = min(WANTED_SHARE * loop.deviation_max, max(WANTED_NOISES * loop.noise, 2.0 * seen) or math.inf)
+            excitation = Excitation(self._settings("step", amplitude, 2.0 * PROBE_SHARE * self.duration))
+            self._run_excitation(excitation, lambda: 0.05, wanted)
             if not excitation.completed:
                 return excitation.reason
-            larger = WANTED_SHARE * loop.deviation_max / self._response_amplitude()
-            if larger <= MOST_LARGER:
-                self._amplitude = amplitude * larger
+            self._note_resolution()
+            larger = wanted / max(self._peak, 1e-300) if self._peak > seen else math.inf
+            if larger <= MOST_LARGER or (amplitude == self._most() and self._peak > seen):
+                self._amplitude = min(amplitude * min(larger, MOST_LARGER), self._most())
                 return ""
-            amplitude *= MOST_LARGER
+            if amplitude == self._most():
+                break
+            amplitude = min(amplitude * MOST_LARGER, self._most())
         moved = f"the measurement moved by no more than {self._peak:.3g} (noise {loop.noise:.3g})"
-        return f"{moved} when the control was moved by {amplitude / MOST_LARGER:.3g}: is the loop closed?"
+        return f"{moved} when the control was moved by {amplitude:.3g}: is the loop closed?"
 
-    def _run_excitation(self, excitation: Excitation, progress: Callable[[], float]) -> None:
+    def _first_amplitude(self) -> float:
+        loop, kp = self.loop, abs(self.loop.controller.gains.kp)
+        limited = math.isfinite(loop.controller.control_range)
+        if not (kp or limited):
+            raise InputError("amplitude = 0; allowed: above 0, since kp = 0 and no limits of the control give a scale")
+        sizes = [FIRST_SHARE * loop.deviation_max * kp, FIRST_NOISES * loop.noise * kp]
+        sizes.append(FIRST_RANGE * loop.controller.control_range if limited else math.inf)
+        if not self._most() > 0.0:
+            at = f"the control rests at {loop.control:.4g}, at a limit"
+            raise InputError(f"{at}; allowed: a control with room to both sides of it")
+        return min([size for size in sizes if 0.0 < size < math.inf] + [self._most()])
+
+    def _note_resolution(self) -> None:
+        """A quantised measurement that stood still at rest shows its steps when it moves."""
+        loop = self.loop
+        kept = self._tap.history.newest_values("measurement", SEEN_SAMPLES)
+        loop.noise = max(loop.noise, resolution(kept) / math.sqrt(12.0))
+
+    def _run_excitation(self, excitation: Excitation, progress: Callable[[], float], enough: float = math.inf) -> None:
         """Run an experiment tick by tick, at the pace of the controller."""
         loop, ended, last = self.loop, threading.Event(), [0.0]
-        self._peak = 0.0
+        guarded = GuardedExcitation(excitation, loop, self._foresight or FORESIGHT * excitation.settings.hold, enough)
 
         def hook(tick: Tick) -> None:
             if ended.is_set():
                 return
-            added = excitation.step(loop.setpoint, tick.measurement, tick.control, tick.time)
-            self._peak = max(self._peak, abs(tick.measurement - loop.setpoint - loop.offset))
-            if tick.setpoint != loop.setpoint:
-                excitation.cancel()
-                excitation.reason = f"the setpoint was changed from {loop.setpoint:g} to {tick.setpoint:g}"
-                added = 0.0
-            if added != last[0] or excitation.finished:
+            added = guarded.step(tick)
+            if added != last[0] or guarded.finished:
                 self._tap.inject(added)
                 last[0] = added
-            if excitation.finished:
+            if guarded.finished:
                 ended.set()
 
         self._tap.set_tick_hook(hook)
@@ -252,6 +242,9 @@ class ClosedLoopExperiment:
             self._tap.history.newest("measurement") - loop.setpoint,
             message=f"{excitation.settings.kind} of {excitation.settings.amplitude:.3g} for {whole:.3g} s",
         ))  # fmt: skip
+        self._peak = guarded.peak
+        if guarded.answer_time > 0.0:
+            self._foresight = guarded.answer_time
 
     def residual_transient(self) -> float:
         """What may still be left of the experiment when the new gains come."""

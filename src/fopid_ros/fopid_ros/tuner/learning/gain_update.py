@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 from fopid_core.design.acceptance import rejection_reason
 from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel
-from fopid_core.design.robust_verification import RobustLimits, RobustTuning, tune_robustly
+from fopid_core.design.improvement import RunningGains, improve
+from fopid_core.design.robust_verification import RobustLimits, RobustTuning
 from fopid_core.design.specification import TuningRequest
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
@@ -40,12 +41,18 @@ class AcceptanceCriteria:
         Delay margin that they must leave, in ticks.
     certify : bool
         Whether stability and ``limits.ms_max`` must be proved for the learnt process.
+    compare : bool
+        Whether other methods than the one asked for are tried, and the best is taken.
+    noise_share : float
+        Share of the control's range that noise may move it by, as a standard deviation.
     """
 
     tuning: TuningRequest
     limits: RobustLimits
     delay_margin_min: float
     certify: bool = False
+    compare: bool = False
+    noise_share: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -78,6 +85,11 @@ class RunningController:
     sample_time: float
     control_min: float
     control_max: float
+
+    @property
+    def control_range(self) -> float:
+        """From limit to limit; infinite without."""
+        return self.control_max - self.control_min
 
     def saturated(self, control: float) -> bool:
         """Whether a control is at a limit."""
@@ -123,30 +135,41 @@ class GainUpdate:
         self._previous_gains: Fopid | None = None
         self._trial_gains: Fopid | None = None
 
-    def design(self, found: IdentificationResult) -> Outcome:
-        """Gains for what was learnt, verified on all that the record leaves possible."""
+    def design(self, found: IdentificationResult, noise: float = 0.0) -> Outcome:
+        """Gains for what was learnt that beat the running ones on it, verified on all that the record leaves possible.
+
+        Parameters
+        ----------
+        found : IdentificationResult
+        noise : float
+            Standard deviation of the measurement's noise, where it was measured.
+        """
         self._wait.report(
             Stage("tuning", 0.65, fit_pct=found.best.fit_pct if found.best else 0.0, message=found.message)
         )
         wanted = replace(self._criteria.tuning, sample_time=self._controller.sample_time)
-        tuned = tune_robustly(found, wanted, self._criteria.limits)
-        self._wait.report(Stage("verifying", 0.7, message=tuned.message))
-        outcome = Outcome(model=found.best, tuned=tuned)
-        if not tuned.success or tuned.tuning is None:
-            return replace(outcome, message=f"nothing was changed: {tuned.message}")
-        # The limits on what the record leaves possible stand in for that on max |S| of the one design.
-        refused = rejection_reason(
-            tuned.tuning, self._controller.sample_time, math.inf, self._criteria.delay_margin_min
-        )
-        certificate = ""
-        if self._criteria.certify and not refused and found.best is not None:
+        movement = self._criteria.noise_share * self._controller.control_range
+        running = RunningGains(self._controller.gains, noise, movement)
+        improved = improve(found, wanted, self._criteria.limits, running, self._criteria.compare, self._refused)
+        self._wait.report(Stage("verifying", 0.7, message=improved.message))
+        outcome = Outcome(improved.success, improved.message, model=found.best, tuned=improved.tuned)
+        if not improved.success or improved.tuned.tuning is None:
+            return replace(outcome, success=False, message=f"nothing was changed: {improved.message}")
+        certificate, refused = "", ""
+        if self._criteria.certify and found.best is not None:
             from fopid_core.design.certified_tuning import certificate_or_refusal
 
             learnt = replace(wanted, process=found.best.process)
-            certificate, refused = certificate_or_refusal(learnt, tuned.tuning, self._criteria.limits.ms_max)
+            certificate, refused = certificate_or_refusal(learnt, improved.tuned.tuning, self._criteria.limits.ms_max)
         if refused:
-            return replace(outcome, message=refused)
-        return replace(outcome, success=True, message=tuned.message, certificate=certificate)
+            return replace(outcome, success=False, message=refused)
+        return replace(outcome, certificate=certificate)
+
+    def _refused(self, tuned: RobustTuning) -> str:
+        """The limits on what the record leaves possible stand in for that on max |S| of the one design."""
+        if tuned.tuning is None:
+            return tuned.message
+        return rejection_reason(tuned.tuning, self._controller.sample_time, math.inf, self._criteria.delay_margin_min)
 
     def apply_and_monitor(
         self, outcome: Outcome, before: LoopPerformance, residual_transient: float, error_factor: float,

@@ -64,10 +64,16 @@ class History:
     ----------
     kept : float
         How much is kept [s].
+
+    Attributes
+    ----------
+    whole_since : float
+        What is not older than this is kept in any case [s]: the experiment under way.
     """
 
     def __init__(self, kept: float) -> None:
         self.kept = kept
+        self.whole_since = math.inf
         self._lock = threading.Lock()
         self._samples = {name: Samples() for name in SIGNALS}
 
@@ -79,7 +85,7 @@ class History:
                 for each in self._samples.values():
                     each.clear()
             samples.add(time, value)
-            samples.forget(time - self.kept)
+            samples.forget(min(time - self.kept, self.whole_since))
 
     def newest(self, signal: str) -> float:
         """The newest value, NaN before the first."""
@@ -93,16 +99,33 @@ class History:
             samples = self._samples[signal]
             return samples.times[-1] if len(samples) else -math.inf
 
+    def newest_values(self, signal: str, count: int) -> np.ndarray:
+        """Its last values, shape (count,) at most."""
+        with self._lock:
+            return self._samples[signal].table()[-count:, 1]
+
+    def travel(self, signal: str) -> float:
+        """The distance of its largest and smallest value, as long as it is remembered."""
+        with self._lock:
+            values = self._samples[signal].table()[:, 1]
+        return float(np.ptp(values)) if len(values) else 0.0
+
     def record(self, since: float = -math.inf) -> Record:
         """What the controller saw and did at each of its ticks from ``since`` [s] on.
 
         Raises
         ------
         InputError
-            If there is too little, or a signal has not been heard at all.
+            If there is too little, a signal has not been heard at all, or what is asked for was more than is kept.
         """
         with self._lock:
             kept = {name: samples.table() for name, samples in self._samples.items()}
+            full = any(len(samples) >= MOST and samples.times[samples.begin] > since for samples in
+                       self._samples.values()) and self.whole_since <= since  # fmt: skip
+        if full:
+            raise InputError(
+                f"experiment of more than {MOST:,} samples; allowed: a shorter one, or a longer sample_time"
+            )
         silent = [name for name in ("measurement", "control") if not len(kept[name])]
         if silent:
             raise InputError(f"{silent[0]} has not been heard; allowed: a running loop, with history above 0 s")

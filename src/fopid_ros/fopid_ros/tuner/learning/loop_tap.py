@@ -39,7 +39,7 @@ SPECS = (
         read_only=True,
     ),
 )
-LISTENING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+LISTENING = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Best effort hears reliable publishers, too; a tick lost is a gap that the identification allows for."""
 
 REPEAT_PERIOD = 0.1
@@ -52,12 +52,13 @@ TAKEN_TIME = 0.3
 
 @dataclass(frozen=True)
 class Tick:
-    """What the loop did at one tick of the controller."""
+    """What the loop did at one tick of the controller, and how old that was when it was heard [s]."""
 
     time: float
     setpoint: float
     measurement: float
     control: float
+    age: float = 0.0
 
 
 def _signal_types(values: dict[str, Any]) -> dict[str, SignalType]:
@@ -115,7 +116,8 @@ class LoopTap:
     def _subscribe(self, name: str, kind: SignalType) -> None:
         def heard(message: Any, info: dict[str, int]) -> None:
             stamp = kind.stamp_ns(message) if self._by_stamps else None
-            self._heard(name, (stamp or self._arrival_ns(info)) * 1e-9, kind.read(message))
+            age = (time.time_ns() - info["received_timestamp"]) * 1e-9
+            self._heard(name, (stamp or self._arrival_ns(info)) * 1e-9, kind.read(message), age)
 
         self._node.endpoints.subscription(kind.message_type, name, heard, LISTENING)
 
@@ -124,17 +126,17 @@ class LoopTap:
         simulated = self._node.get_parameter("use_sim_time").value
         return int(self._node.get_clock().now().nanoseconds if simulated else info["received_timestamp"])
 
-    def _heard(self, name: str, time: float, value: float) -> None:
+    def _heard(self, name: str, at: float, value: float, age: float = 0.0) -> None:
         if not -1e300 < value < 1e300:
             return
         if self._wraps and name == "measurement":
             setpoint = self.history.newest("setpoint")
             value = value if math.isnan(setpoint) else nearest_turn(value, setpoint)
-        self.history.add(name, time, value)
+        self.history.add(name, at, value)
         if name != "control":
             return
         if self._hook is not None:
-            self._call_hook(Tick(time, *(self.history.newest(signal) for signal in SIGNALS)))
+            self._call_hook(Tick(at, *(self.history.newest(signal) for signal in SIGNALS), age))
         with self._ticked:
             self._ticked.notify_all()
 

@@ -1,0 +1,123 @@
+"""An excitation with a hand on the brake: it shrinks before the measurement or the control comes to a bound."""
+
+from __future__ import annotations
+
+import math
+
+from fopid_core.runtime.excitation import Excitation
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.loop_tap import Tick
+
+BRAKE_SHARE, GO_ON_SHARE = 0.8, 0.4
+"""Shares of the allowed deviation where nothing is added any more, and where it goes on."""
+SHRINK, SHRINKS_MAX = 0.5, 5
+"""What is left of the excitation each time, and how often that may be."""
+SMOOTHED, SMOOTHED_AHEAD = 0.05, 0.15
+"""Shares of a hold, and of the foresight, over which the measurement is averaged, whichever is longer."""
+OLDEST, OLDEST_TICKS = 0.5, 5.0
+"""Samples older than this [s], or than so many ticks, are too old to judge by."""
+
+
+class GuardedExcitation:
+    """Runs an excitation tick by tick: ``added = guarded.step(tick)``.
+
+    It ends at once when the setpoint is moved, a sample is too old to judge by, or the measurement leaves its band. It
+    adds nothing while the measurement is on its way out of the band, judged by its place and speed, or the control is
+    at a limit, and is smaller afterwards.
+
+    Parameters
+    ----------
+    excitation : Excitation
+    loop : LoopBaseline
+    foresight : float
+        How far ahead the measurement is judged [s]: about the time in which the loop answers.
+    enough : float
+        Deviation at which the experiment has come to its end; infinite for none.
+
+    Attributes
+    ----------
+    peak : float
+        Largest deviation, noise averaged out.
+    answer_time : float
+        When half of that was reached [s]; NaN before.
+    """
+
+    def __init__(self, excitation: Excitation, loop: LoopBaseline, foresight: float, enough: float = math.inf) -> None:
+        self.excitation, self._loop = excitation, loop
+        self._smoothing = max(SMOOTHED * excitation.settings.hold, SMOOTHED_AHEAD * foresight)
+        self._foresight = foresight + self._smoothing  # by which the average is late
+        self._enough = enough
+        self._oldest = max(OLDEST, OLDEST_TICKS * loop.controller.sample_time)
+        self._scale, self._shrinks, self._braking = 1.0, 0, False
+        self._level = self._speed = 0.0
+        self._last: Tick | None = None
+        self._began = math.nan
+        self._rise: list[tuple[float, float]] = []
+        self.peak = 0.0
+
+    @property
+    def answer_time(self) -> float:
+        """When half of the peak was reached, after the beginning [s]."""
+        return next((time for time, level in self._rise if level >= 0.5 * self.peak), math.nan)
+
+    @property
+    def finished(self) -> bool:
+        """Whether it is over."""
+        return self.excitation.finished
+
+    def step(self, tick: Tick) -> float:
+        """One tick; what to add to the control until the next."""
+        if self.finished:
+            return 0.0
+        self._follow(tick)
+        added = self.excitation.step(self._loop.setpoint, tick.measurement, tick.control, tick.time)
+        reason = self._reason_to_end(tick)
+        if reason and not self.finished:
+            self.end(reason)
+        if not self.finished and self.peak >= self._enough:
+            self.excitation.cancel()
+            self.excitation.completed, self.excitation.reason = True, "moved far enough"
+        self._brake(tick)
+        return 0.0 if self.finished or self._braking else self._scale * added
+
+    def end(self, reason: str) -> None:
+        """End it now."""
+        self.excitation.cancel()
+        self.excitation.reason = reason
+
+    def _follow(self, tick: Tick) -> None:
+        """Place and speed of the measurement, noise averaged out."""
+        deviation = tick.measurement - self._loop.setpoint - self._loop.offset
+        if self._last is None:
+            self._began, self._last = tick.time, tick
+            return
+        dt = tick.time - self._last.time
+        self._last = tick
+        if dt <= 0.0:
+            return
+        share = dt / (dt + self._smoothing)
+        moved = share * (deviation - self._level)
+        self._level += moved
+        self._speed += share * (moved / dt - self._speed)
+        if abs(self._level) > self.peak:
+            self.peak = abs(self._level)
+            self._rise.append((tick.time - self._began, self.peak))
+
+    def _reason_to_end(self, tick: Tick) -> str:
+        if tick.setpoint != self._loop.setpoint:
+            return f"the setpoint was changed from {self._loop.setpoint:g} to {tick.setpoint:g}"
+        if tick.age > self._oldest:
+            return f"a sample was {tick.age:.2g} s old when it was heard ({self._oldest:.2g} s is too old to judge by)"
+        if self._shrinks > SHRINKS_MAX:
+            return "the measurement or the control came near its bounds again and again, with ever smaller moves"
+        return ""
+
+    def _brake(self, tick: Tick) -> None:
+        most, ahead = self._loop.deviation_max, abs(self._level + self._speed * self._foresight)
+        saturated = self._loop.controller.saturated(tick.control)
+        if self._braking:
+            self._braking = saturated or max(ahead, abs(self._level)) > GO_ON_SHARE * most
+        elif saturated or max(ahead, abs(self._level)) > BRAKE_SHARE * most:
+            self._braking = True
+            self._scale *= SHRINK
+            self._shrinks += 1

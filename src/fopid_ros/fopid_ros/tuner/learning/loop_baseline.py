@@ -1,0 +1,128 @@
+"""The running loop before anything is done to it: where it rests, how noisy it is, how far it may be moved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fopid_core.errors import InputError
+from fopid_core.model.fopid import Fopid
+from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
+from fopid_ros.tuner.learning.gain_update import RunningController
+from fopid_ros.tuner.learning.loop_tap import Tick
+
+STEADY_STATE_SHARE, RESTLESS_SHARE = 0.1, 0.2
+"""Share of the allowed deviation up to which an offset or a drift, and swings to either side, count as rest."""
+NOISES, REACH_SHARE, TRAVEL_SHARE = 40.0, 0.005, 0.1
+"""The allowed deviation when nobody says it: so many times the noise, that share of the proportional band (the error
+that moves the control through its whole range), that share of the setpoint's moves."""
+
+
+@dataclass
+class LoopBaseline:
+    """What the ticks of a loop at rest show.
+
+    Attributes
+    ----------
+    controller : RunningController
+    setpoint, control : float
+    noise : float
+        Standard deviation of the measurement's noise, quantisation included.
+    deviation_max : float
+        Largest distance from the setpoint that is allowed.
+    offset : float
+        Of the measurement from the setpoint, on the average.
+    drift : float
+        By how much that changes from the first half of the time looked at to the second.
+    swing : float
+        How far the measurement, noise averaged out, goes to either side.
+    figures : LoopPerformance
+    """
+
+    controller: RunningController
+    setpoint: float = 0.0
+    control: float = 0.0
+    noise: float = 0.0
+    deviation_max: float = 0.0
+    offset: float = 0.0
+    drift: float = 0.0
+    swing: float = 0.0
+    figures: LoopPerformance = field(default_factory=lambda: PerformanceMeter(1.0).figures)
+
+    def measure(self, ticks: Sequence[Tick], deviation_max: float, travel: float) -> None:
+        """Take what a stretch of ticks shows.
+
+        Parameters
+        ----------
+        ticks : sequence of Tick
+        deviation_max : float
+            As it was asked for; 0 chooses it.
+        travel : float
+            How far the setpoint has moved as long as it is remembered.
+        """
+        measured = np.array([tick.measurement for tick in ticks])
+        meter = PerformanceMeter(self.controller.sample_time)
+        for tick in ticks:
+            meter.step(tick.setpoint, tick.measurement, self.controller.saturated(tick.control))
+        self.figures, self.setpoint = meter.figures, ticks[-1].setpoint
+        self.control = float(np.mean([tick.control for tick in ticks]))
+        self.offset = float(measured.mean()) - self.setpoint
+        first, second = np.array_split(measured, 2)
+        self.drift = float(second.mean() - first.mean())
+        self.swing = 0.5 * float(np.ptp([part.mean() for part in np.array_split(measured, 10)]))
+        # Third differences leave white noise sqrt(20) times as large, and little of what swings.
+        self.noise = max(float(np.std(np.diff(measured, 3))) / math.sqrt(20.0), resolution(measured) / math.sqrt(12.0))
+        self.deviation_max = deviation_max or self._chosen_deviation(travel)
+
+    def _chosen_deviation(self, travel: float) -> float:
+        """From what the signals do, never from how far they are from 0."""
+        controller = self.controller
+        reach = controller.control_range / abs(controller.gains.kp) if controller.gains.kp else math.inf
+        scales = [NOISES * self.noise, REACH_SHARE * reach if math.isfinite(reach) else 0.0]
+        chosen = max(scales) or TRAVEL_SHARE * travel
+        if not chosen > 0.0:
+            scale = "neither noise nor limits of the control nor a move of the setpoint give a scale"
+            raise InputError(f"deviation_max = 0; allowed: above 0, since {scale}")
+        return chosen
+
+    @property
+    def at_steady_state(self) -> bool:
+        """Whether the measurement stays near the setpoint, and neither passes it nor swings about it."""
+        steady = max(abs(self.offset), abs(self.drift)) <= STEADY_STATE_SHARE * self.deviation_max
+        return steady and self.swing <= RESTLESS_SHARE * self.deviation_max
+
+    @property
+    def unrest(self) -> str:
+        """Why it is not at rest."""
+        if max(abs(self.offset), abs(self.drift)) > STEADY_STATE_SHARE * self.deviation_max:
+            return f"measurement {self.offset:+.4g} off the setpoint, drifting by {self.drift:+.4g}"
+        return f"measurement swings by {self.swing:.4g} to either side: a limit cycle or a disturbance"
+
+
+def resolution(values: np.ndarray) -> float:
+    """The step of a quantised signal; 0 where nothing speaks for one.
+
+    Examples
+    --------
+    >>> resolution(np.array([0.5, 0.75, 0.5, 1.25, 1.0, 0.5]))
+    0.25
+    >>> resolution(np.array([0.1, 0.12, 0.17, 0.18]))
+    0.0
+    """
+    moves = np.abs(np.diff(values))
+    moves = moves[moves > 0.0]
+    if moves.size < 2:
+        return 0.0
+    step = float(moves.min())
+    whole = np.abs(moves / step - np.round(moves / step))
+    return step if whole.max() < 1e-3 else 0.0
+
+
+def integral_time(gains: Fopid) -> float:
+    """(kp/ki)^(1/lam), the time scale that whoever chose these gains had in mind [s]; NaN where there is none."""
+    if not (gains.kp and gains.ki and gains.lam):
+        return math.nan
+    return float(abs(gains.kp / gains.ki) ** (1.0 / gains.lam))

@@ -1,0 +1,88 @@
+"""New gains beat the running ones on the learnt process, or there are none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fopid_core.design.identification.identify import IdentificationResult, identify
+from fopid_core.design.identification.record import Record
+from fopid_core.design.improvement import RunningGains, improve, loop_worth, noise_gain
+from fopid_core.design.robust_verification import RobustLimits
+from fopid_core.design.specification import TuningRequest
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import Process
+from fopid_core.runtime.controller import FopidController
+from fopid_core.runtime.plant import Plant, PlantSettings
+from fopid_core.runtime.settings import ControllerSettings
+
+LIMITS = RobustLimits(2.2, math.radians(30.0), samples=5)
+WEAK, GOOD = Fopid(0.2, 0.05), Fopid(1.0, 1.0)
+
+
+@pytest.fixture(scope="module")
+def learnt() -> IdentificationResult:
+    time = np.arange(0.0, 20.0, 0.05)
+    control = (time % 8.0 < 4.0).astype(float)
+    measured, state = [], 0.0
+    for u in control:
+        measured.append(state)
+        state += (1.0 - math.exp(-0.05)) * (u - state)
+    return identify(Record(time, control, np.array(measured)), "foptd")
+
+
+def request(learnt: IdentificationResult) -> TuningRequest:
+    assert learnt.best is not None
+    return TuningRequest(learnt.best.process, sample_time=0.05, crossover=1.0, phase_margin=1.2)
+
+
+@pytest.mark.slow
+def test_weak_gains_are_beaten(learnt: IdentificationResult) -> None:
+    found = improve(learnt, request(learnt), LIMITS, RunningGains(WEAK), compare=False)
+    assert found.success, found.message
+    assert "before IAE" in found.message
+
+
+@pytest.mark.slow
+def test_gains_that_are_better_than_any_design_stay(learnt: IdentificationResult) -> None:
+    found = improve(learnt, request(learnt), LIMITS, RunningGains(Fopid(6.0, 12.0)), compare=False)
+    assert not found.success
+    assert "not better than what runs" in found.message
+
+
+@pytest.mark.slow
+def test_gains_that_noise_would_drive_are_refused(learnt: IdentificationResult) -> None:
+    found = improve(
+        learnt, request(learnt), LIMITS, RunningGains(WEAK, noise=0.1, control_movement=0.01), compare=False
+    )
+    assert not found.success
+    assert "the measurement's noise would move the control by" in found.message
+
+
+@pytest.mark.slow
+def test_of_several_methods_the_best_is_taken(learnt: IdentificationResult) -> None:
+    assert learnt.best is not None
+    running = RunningGains(WEAK, noise=0.01, control_movement=0.05)
+    found = improve(learnt, request(learnt), LIMITS, running)
+    alone = improve(learnt, request(learnt), LIMITS, running, compare=False)
+    best, first = (
+        loop_worth(learnt.best.process, one.tuned.tuning.controller, 0.05, 50.0)  # type: ignore[union-attr,arg-type]
+        for one in (found, alone)
+    )
+    assert best.load <= first.load
+    assert best.noise_gain <= 5.0
+
+
+def test_the_noise_gain_is_that_of_the_simulated_loop() -> None:
+    plant = Plant(PlantSettings(Process.parse("1/(s+1)"), sample_time=0.05, noise_std=1.0, seed=3))
+    controller = FopidController(ControllerSettings(GOOD, 0.05))
+    controls = [
+        controller.step(0.0, plant.measurement) for _ in range(20000) if plant.step(controller.state.control) < 9
+    ]
+    assert np.std(controls) == pytest.approx(noise_gain(Process.parse("1/(s+1)"), GOOD, 0.05), rel=0.03)
+
+
+def test_gains_that_do_not_hold_the_process_are_worth_nothing() -> None:
+    assert loop_worth(Process.parse("1/(s+1)^3"), Fopid(20.0), 0.01, 10.0).load == math.inf

@@ -1,0 +1,75 @@
+"""No experiment takes a foreign plant out of its safe range, on any seed; and each moves it enough to learn from."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from foreign_plants.gallery import GALLERY
+from virtual_loop import VirtualLoop
+
+from fopid_core.errors import InputError
+from fopid_ros.tuner.learning.closed_loop_experiment import KEPT, ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.gain_update import read_running_controller
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+
+
+def experiment(name: str, seed: int, history: float = 600.0) -> tuple[VirtualLoop, ClosedLoopExperiment, list[str]]:
+    """The loop after an experiment, repeated as long as there is time for it; and how each ended."""
+    exhibit = GALLERY[name]
+    loop = VirtualLoop(exhibit, seed, history, longest=100.0 * exhibit.horizon)
+    loop.run(0.3 * exhibit.horizon)
+    made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())
+    made.measure()
+    loop.history.whole_since = loop.time
+    ended = [made.excite()]
+    if not ended[0] and made.fits:
+        ended.append(made.excite())
+    return loop, made, ended
+
+
+def check(name: str, seed: int) -> None:
+    exhibit = GALLERY[name]
+    loop, made, ended = experiment(name, seed)
+    low, high = exhibit.unsafe
+    assert low < min(loop.trace.true) < max(loop.trace.true) < high
+    begun = loop.history.record(0.3 * exhibit.horizon).time.size
+    far = max(abs(y - loop.setpoint) for y in loop.trace.true[-begun:])
+    assert far < 1.2 * made.loop.deviation_max, ended  # the band is the measurement's, which is noisy
+    assert far > 2.0 * made.loop.noise, ended
+
+
+@pytest.mark.parametrize("name", ["stirred_reactor", "level_tank", "flexible_joint", "heat_exchanger"])
+def test_an_experiment_stays_in_its_band(name: str) -> None:
+    check(name, seed=5)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("name", GALLERY)
+def test_an_experiment_stays_in_its_band_on_any_seed(name: str) -> None:
+    for seed in range(3):
+        check(name, seed)
+
+
+def test_what_was_announced_is_kept_and_the_record_is_whole() -> None:
+    loop, made, _ = experiment("coupled_heaters", 2, history=60.0)
+    announced = loop.stages[0].remaining
+    began = 0.3 * GALLERY["coupled_heaters"].horizon
+    assert loop.time - began <= KEPT * announced
+    record = loop.history.record(began + 0.15 * made.duration)
+    assert record.span > made.duration > 60.0
+
+
+def test_a_limit_cycle_is_no_rest() -> None:
+    loop = VirtualLoop(GALLERY["flexible_joint"], 1)
+    made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())
+    step = loop.plant.step
+
+    def cycling(control: float, dt: float) -> float:
+        loop.plant.measurement = step(control, dt) + 2.0 * math.sin(2.0 * math.pi * loop.time / 0.15)
+        return loop.plant.measurement
+
+    loop.plant.step = cycling  # type: ignore[method-assign]
+    with pytest.raises(InputError, match=r"swings by|drifting by"):
+        made.measure()
