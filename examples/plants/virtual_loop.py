@@ -132,8 +132,11 @@ class VirtualLoop:
         self.statuses.append(status)
         return before
 
-    def confirm(self) -> None:
-        self.statuses.append("verified")
+    def renew_trial(self) -> None:
+        pass
+
+    def confirm(self, gains: Fopid) -> None:
+        self.statuses.append("verified" if gains == self.gains() else "not in force")
 
     # The wait.
 

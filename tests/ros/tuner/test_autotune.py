@@ -65,14 +65,18 @@ class ForeignLoop:
         return [getattr(message, self._field) for message in self._sensed]
 
     def autotune(self, **goal: Any) -> Any:
-        """Send a goal; the accepted goal's handle."""
+        """Send a goal; the accepted goal's handle. By one method, unless told otherwise, since comparing takes long."""
         sent = self._client.send_goal_async(
-            Autotune.Goal(**goal), feedback_callback=lambda m: self.feedback.append(m.feedback)
+            Autotune.Goal(**{"method": "frequency", **goal}),
+            feedback_callback=lambda m: self.feedback.append(m.feedback),
         )
         return self.graph.result(sent)
 
     def outcome(self, handle: Any, patience: float = 110.0) -> Any:
         return self.graph.result(handle.get_result_async(), patience)
+
+    def move_setpoint(self, value: float) -> None:
+        self._setpoint.publish(ScalarStamped(value=value))
 
     def gains(self) -> list[float]:
         return self.graph.get("fopid_controller", *GAINS)

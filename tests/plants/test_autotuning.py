@@ -1,0 +1,50 @@
+"""On plants that nobody here wrote as models, new gains beat those that ran, or those stay."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from foreign_plants.gallery import GALLERY
+from virtual_loop import VirtualLoop
+
+from fopid_core.design.robust_verification import RobustLimits
+from fopid_core.design.specification import TuningRequest
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import read_process
+from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
+from fopid_ros.tuner.learning.closed_loop_experiment import ExperimentSettings
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria
+
+
+def errors(name: str, gains: Fopid) -> tuple[float, float]:
+    """Integral of the absolute true error after a step of the setpoint and of the load."""
+    exhibit = GALLERY[name]
+    loop = VirtualLoop(exhibit, seed=11)
+    loop.apply(gains)
+    loop.run(0.3 * exhibit.horizon)
+    loop.setpoint += exhibit.move
+    first = loop.run(exhibit.horizon)
+    loop.plant.load = exhibit.load
+    second = loop.run(exhibit.horizon)
+    error = np.abs(np.array(loop.trace.setpoint) - np.array(loop.trace.true))
+    return float(error[first:second].sum()), float(error[second:].sum())
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", ["heat_exchanger", "flexible_joint"])
+def test_new_gains_beat_those_that_ran(name: str) -> None:
+    exhibit = GALLERY[name]
+    loop = VirtualLoop(exhibit, seed=1)
+    loop.run(0.5 * exhibit.horizon)
+    criteria = AcceptanceCriteria(
+        TuningRequest(read_process("P1")), RobustLimits(2.5, math.radians(30.0)), 2.0, compare=True
+    )
+    outcome = Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", criteria, False), loop).run()  # type: ignore[arg-type]
+    assert outcome.success, outcome.message
+    assert loop.statuses == ["trial", "verified"]
+    before, after = errors(name, Fopid(*exhibit.gains, 1.0, 1.0)), errors(name, loop.gains())
+    assert after[0] < before[0]
+    assert after[1] < before[1]
