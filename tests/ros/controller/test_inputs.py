@@ -116,7 +116,7 @@ def test_a_kept_setpoint_counts_until_one_is_sent_and_not_when_it_comes_from_the
     monkeypatch.setattr("fopid_ros.controller.inputs.KeptSetpoint", keeps)
     heard = Heard()
     heard.at(5.0)
-    heard.inputs.listen(tracking=False)
+    heard.inputs.listen(tracking=False, scheduling=False)
     (take,) = kept
     take(message(3.0, stamp=9.0))
     assert heard.inputs.setpoint.missing
@@ -270,7 +270,7 @@ def test_only_what_came_can_be_stale_and_has_an_age() -> None:
 @pytest.mark.parametrize("tracking", [False, True])
 def test_each_topic_has_its_input_and_tracking_is_heard_only_where_it_is_wanted(tracking: bool) -> None:
     heard = Heard(trigger="lockstep")
-    heard.inputs.listen(tracking=tracking)
+    heard.inputs.listen(tracking=tracking, scheduling=False)
     expected = {"setpoint": "setpoint", "feedforward": "feedforward", "manual_control": "manual"}
     expected |= {"tracking": "tracking"} if tracking else {}
     assert heard.node.topics.keys() == expected.keys()
@@ -287,7 +287,7 @@ def test_in_lockstep_a_value_waits_for_the_sample_it_is_stamped_with(monkeypatch
         "fopid_ros.controller.inputs.take_pending_messages", lambda subscription: taken.append(subscription.topic_name)
     )
     heard = Heard(trigger="lockstep")
-    heard.inputs.listen(tracking=False)
+    heard.inputs.listen(tracking=False, scheduling=False)
     setpoint = heard.inputs.setpoint
     for value, stamp in ((1.0, 0.02), (2.0, 0.04)):
         heard.node.topics["setpoint"](message(value, stamp))

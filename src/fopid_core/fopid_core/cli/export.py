@@ -43,6 +43,10 @@ def export_verb(
     parameters |= _typed(gains, limits, more)
     if not parameters.keys() & {"kp", "ki", "kd"}:
         raise InputError("gains missing; allowed: --gains KP,KI,KD,LAM,MU or --params FILE that holds kp, ki or kd")
+    if parameters.get("schedule_file"):
+        raise InputError(
+            f"schedule_file = {parameters['schedule_file']!r}; allowed: none, one set of gains is exported"
+        )
     if sample_time is None:
         sample_time = parameters.get("sample_time", 0.01)
     settings = controller_settings(parameters, sample_time)

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 
+_ROUNDING = 1e-12  # of Ti = 4 Td, the double zero
+
 
 @dataclass(frozen=True)
 class PidForm:
@@ -68,9 +70,9 @@ def series_form(controller: Fopid) -> PidForm:
     if math.isinf(standard.integral_time):
         return standard
     ratio = 4.0 * standard.derivative_time / standard.integral_time
-    if ratio > 1.0:
+    if ratio > 1.0 + _ROUNDING:
         raise InputError(
             f"Ti = {standard.integral_time:.4g}, Td = {standard.derivative_time:.4g}; allowed: Ti of at least 4 Td"
         )
-    share = 0.5 * (1.0 + math.sqrt(1.0 - ratio))
+    share = 0.5 * (1.0 + math.sqrt(max(1.0 - ratio, 0.0)))
     return PidForm(standard.gain * share, standard.integral_time * share, standard.derivative_time / share)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopid_core.design.comparison.candidates import Candidate
-from fopid_core.design.control_peak import first_control
 from fopid_core.design.sampled_loop import running
 from fopid_core.design.specification import Bounds
 from fopid_core.design.time.search_response import ResponseGrid
-from fopid_core.design.verification import SMOOTH_TICKS, checks
+from fopid_core.design.verification import checks
 from fopid_core.errors import InputError
 from fopid_core.model.indices import overshoot_pct, settling_time, total_variation
 from fopid_core.model.loop import Loop
@@ -21,10 +20,14 @@ from fopid_core.model.margins import margins
 from fopid_core.model.response import Response, step_response
 from fopid_core.model.response_indices import response_indices
 from fopid_core.model.stability import stability, stable_mask
+from fopid_core.runtime.controller import FopidController
+from fopid_core.runtime.settings import as_designed
 
 GAINS = np.array([0.5, 0.71, 1.0, 1.41, 2.0])
 """Factors on the loop gain for the spread of the overshoot."""
 SPREAD_POINTS = 1024
+KICK_TICKS = 32
+"""So long the running derivative of a step takes to settle."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +125,17 @@ def _iae(response: Response) -> float:
 
 
 def _control(loop: Loop, response: Response, sample_time: float) -> tuple[float, float]:
-    """Peak and total variation after a setpoint step: the first tick as it runs, then the ideal control."""
-    variables = [*loop.controller.gains, loop.filter.time, loop.weights.proportional, loop.weights.derivative]
-    first = float(first_control(np.array([variables]), sample_time)[0])
-    later = response.control[response.time >= SMOOTH_TICKS * sample_time]
-    control = np.concatenate([[0.0, first], later])
+    """Peak and total variation after a setpoint step: the first ticks as they run, then the ideal control.
+
+    In the first ticks the derivative of the step is nearly all of it, and the measurement hardly moves.
+    """
+    controller = FopidController(as_designed(loop.controller, sample_time, loop.filter, loop.weights))
+    first = [
+        controller.step(1.0, float(np.interp(i * sample_time, response.time, response.output)))
+        for i in range(KICK_TICKS)
+    ]
+    later = response.control[response.time >= KICK_TICKS * sample_time]
+    control = np.concatenate([[0.0], first, later])
     return float(np.abs(control).max()), total_variation(control)
 
 

@@ -132,7 +132,7 @@ def tune_time(
     >>> specification = TimeSpecification(Objective.of("itae", {}), horizon=50.0, ms_max=1.6, u_max=20.0)
     >>> design = tune_time(read_process("P1"), specification)
     >>> design.met, round(design.cost, 1)
-    (True, 2.5)
+    (True, 2.6)
     """
     search = _Search(process, specification, solver, seed, progress or no_progress, expired or (lambda: False))
     problem = TimeProblem(process, specification)

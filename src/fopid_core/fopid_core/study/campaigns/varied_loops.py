@@ -212,7 +212,7 @@ class _VariedGrid(ResponseGrid):
     def __init__(self, process: Process, variations: Floats, horizon: float, points: int, speed: float) -> None:
         super().__init__(process, horizon, points, speed)
         self._p = _process_values(process, variations, self._s)
-        self._final_control: Any = self._final_control / variations[:, :1]
+        self._inverse_gain: Any = self._inverse_gain / variations[:, :1]
 
 
 def _step_measures(

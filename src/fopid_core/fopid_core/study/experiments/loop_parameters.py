@@ -24,6 +24,7 @@ _OF_THE_NODE = {
     "gains.status": str, "gains.origin": str, "gains.certificate": str,
     "tracking.enabled": bool, "tracking.required": bool, "back_calculation.enabled": bool,
     "pid_state.enabled": bool, "controller_state.enabled": bool, "setpoint.initial": float,
+    "schedule_file": str, "schedule_by": str,
     **{f"{signal}.{part}": str for signal in SIGNALS for part in ("type", "field")},
     **{f"{signal}.{part}": float for signal in SIGNALS for part in ("scale", "offset")},
 }  # fmt: skip
