@@ -126,7 +126,8 @@ class VirtualLoop:
     def gains(self) -> Fopid:
         return self.controller.settings.gains
 
-    def apply(self, gains: Fopid, status: str = "") -> Fopid:
+    def apply(self, gains: Fopid, status: str = "", certificate: str = "") -> Fopid:
+        del certificate  # nobody here shows it
         before = self.gains()
         self.controller.reconfigure(replace(self.controller.settings, gains=gains))
         self.statuses.append(status)

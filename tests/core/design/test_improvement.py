@@ -10,7 +10,7 @@ import pytest
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.improvement import RunningGains, improve, loop_worth, noise_gain
-from fopid_core.design.robust_verification import RobustLimits
+from fopid_core.design.robust_verification import RobustLimits, tune_robustly
 from fopid_core.design.specification import TuningRequest
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
@@ -66,13 +66,31 @@ def test_of_several_methods_the_best_is_taken(learnt: IdentificationResult) -> N
     assert learnt.best is not None
     running = RunningGains(WEAK, noise=0.01, control_movement=0.05)
     found = improve(learnt, request(learnt), LIMITS, running)
+    assert found.success, found.message
     alone = improve(learnt, request(learnt), LIMITS, running, compare=False)
     best, first = (
         loop_worth(learnt.best.process, one.tuned.tuning.controller, 0.05, 50.0)  # type: ignore[union-attr,arg-type]
         for one in (found, alone)
     )
-    assert best.load <= first.load
-    assert best.noise_gain <= 5.0
+    assert not alone.success  # the one method asked for is too noisy
+    assert best.noise_gain <= 5.0 < first.noise_gain
+    before = loop_worth(learnt.best.process, WEAK, 0.05, 50.0)
+    assert best.load < before.load
+    assert best.setpoint < before.setpoint
+
+
+def test_a_learnt_delay_far_below_the_tick_does_not_set_the_time_of_a_design(learnt: IdentificationResult) -> None:
+    assert learnt.best is not None
+    assert 0.0 < learnt.best.process.delay < 1e-4
+    pi = {"lam": 1.0, "kd": 0.0, "mu": 1.0}
+    wanted = TuningRequest(
+        learnt.best.process, "time", index="iae", sample_time=0.05, ms_max=1.8, noise_max=5.0, fixed=pi
+    )
+    found = tune_robustly(learnt, wanted, LIMITS)
+    assert found.success, found.message
+    assert found.tuning is not None
+    assert found.tuning.controller is not None
+    assert 0.5 < found.tuning.controller.ki / found.tuning.controller.kp < 2.0  # its zero is near the lag of 1 s
 
 
 def test_the_noise_gain_is_that_of_the_simulated_loop() -> None:

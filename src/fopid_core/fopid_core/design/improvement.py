@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fopid_core.design.identification.identify import IdentificationResult
-from fopid_core.design.robust_verification import RobustLimits, RobustTuning, tune_robustly
+from fopid_core.design.robust_verification import RobustLimits, RobustTuning, as_held, tune_robustly
 from fopid_core.design.sampled_loop import sampled_controller, sampled_process
 from fopid_core.design.specification import Clock, TuningRequest
+from fopid_core.design.time.proposal import settling_horizon
 from fopid_core.errors import InputError
 from fopid_core.model.evaluation import default_horizon
 from fopid_core.model.fopid import Fopid
@@ -31,12 +32,12 @@ LOAD_WEIGHT = 2.0 / 3.0
 """Of the load in what is best; the rest is the setpoint's."""
 MS_MAX = 1.8
 """Of the designs in time that are tried."""
-PEAK_OVER_RMS = 1.5
-"""A bound on the root mean square of a noise gain lets its peak be so many times as high in a search; checked after."""
+CLEAR = 0.99
+"""Share of a bound on the noise gain that is aimed at where a design broke it."""
 SLOWER = (0.5, 0.25)
 """Shares of a crossover that are tried where noise moves the control too much."""
 RULES = ("amigo-pid", "amigo-pi", "simc-pi")
-_POINTS = 600
+_POINTS, _DECADES, _LEAST = 600, (-7.0, 7.0), 1e-9
 
 
 @dataclass(frozen=True)
@@ -204,47 +205,69 @@ def _tuned(
 def _requests(request: TuningRequest, judge: _Judge, compare: bool) -> Iterator[TuningRequest]:
     """What is tried in turn; more where noise moves the control too much."""
     yield request
-    if request.method == "frequency" and judge.crossover and judge.too_noisy:
+    if request.method == "frequency" and judge.crossover and judge.noise_excess > 1.0:
         for share in SLOWER:
             yield replace(request, crossover=share * judge.crossover)
     if not compare:
         return
-    peak = None if math.isinf(judge.noise_gain_max) else PEAK_OVER_RMS * judge.noise_gain_max
     for fixed in ({}, {"lam": 1.0, "mu": 1.0}, {"lam": 1.0, "kd": 0.0, "mu": 1.0}):
-        yield replace(
-            request, method="time", index="iae", ms_max=request.ms_max or MS_MAX, noise_max=peak, fixed=fixed,
-            phase_margin=None, crossover=None, t_max=None, s_max=None, rule=None,
+        in_time = replace(
+            _with_noise_bound(request, judge), method="time", index="iae", ms_max=request.ms_max or MS_MAX,
+            fixed=fixed, phase_margin=None, crossover=None, t_max=None, s_max=None, rule=None,
         )  # fmt: skip
+        judge.noise_excess = 0.0
+        yield in_time
+        if in_time.noise_rms_max and judge.noise_excess > 1.0:  # by as much less as sampling and filters add to it
+            yield replace(in_time, noise_rms_max=CLEAR * in_time.noise_rms_max / judge.noise_excess)
     for rule in RULES:
         yield replace(request, method="rule", rule=rule)
+
+
+def _with_noise_bound(request: TuningRequest, judge: _Judge) -> TuningRequest:
+    """The request with the judge's bound on the noise gain: for white noise whose variance at the ticks is 1."""
+    most = judge.noise_gain_max
+    if math.isinf(most):
+        return request
+    horizon = request.horizon or _horizon(as_held(judge.process, request.sample_time), most)
+    return replace(request, noise_density=request.sample_time, noise_rms_max=most, horizon=horizon)
+
+
+def _horizon(process: Process, noise_gain_max: float) -> float:
+    """The time [s] in which a loop settles whose controller has no more gain than a bound on the noise gain lets it.
+
+    Its crossover is that of the bound itself, and where that does not reach 1, the process's own corner.
+    """
+    w = np.logspace(*_DECADES, _POINTS)
+    gain = np.abs(process(1j * w))
+    falls = (noise_gain_max * gain < 1.0) & (gain < abs(process.steady_state_gain) / math.sqrt(2.0))
+    return settling_horizon(process, float(w[np.argmax(falls)]) if falls.any() else math.inf)
 
 
 class _Judge:
     """Judges designs beside the gains that run."""
 
     def __init__(self, process: Process, sample_time: float, running: RunningGains) -> None:
-        self._process, self._sample_time, self._running = process, sample_time, running
-        self._horizon: float | None = None
+        self.process, self._sample_time, self._running = process, sample_time, running
         self._judged: dict[Fopid, LoopWorth] = {}
-        self.crossover, self.too_noisy = 0.0, False
+        self.crossover, self.noise_excess = 0.0, 0.0
         loop = Loop(process, running.gains)
         self._horizon = default_horizon(loop) if stability(loop).stable else None
         old = noise_gain(process, running.gains, sample_time) if self._horizon else 0.0
         allowed = running.control_movement / running.noise if running.noise > 0.0 else math.inf
-        self.noise_gain_max = max(allowed, old)
+        self.noise_gain_max = max(allowed, old, _LEAST)
 
     def worth(self, gains: Fopid) -> LoopWorth:
         if gains not in self._judged:
-            horizon = self._horizon or default_horizon(Loop(self._process, gains))
-            self._judged[gains] = loop_worth(self._process, gains, self._sample_time, horizon)
+            horizon = self._horizon or default_horizon(Loop(self.process, gains))
+            self._judged[gains] = loop_worth(self.process, gains, self._sample_time, horizon)
         return self._judged[gains]
 
     def reason(self, tuned: RobustTuning) -> str:
         """Why a design is not better than what runs; empty when it is."""
         new, old = self._pair(tuned)
         self.crossover = tuned.tuning.achieved.crossover if tuned.tuning and tuned.tuning.achieved else 0.0
-        self.too_noisy = new.noise_gain > self.noise_gain_max
-        if self.too_noisy:
+        self.noise_excess = new.noise_gain / self.noise_gain_max
+        if self.noise_excess > 1.0:
             moves = new.noise_gain * self._running.noise
             most = self.noise_gain_max * self._running.noise
             return f"the measurement's noise would move the control by {moves:.3g} ({most:.3g} is allowed)"

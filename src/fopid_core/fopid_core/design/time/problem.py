@@ -42,6 +42,8 @@ SAFE = 3e-5
 SAFE_CONTROL = 1e-3
 """The same for the control signal, which the grid of instants shows less exactly."""
 NOISE_BANDS = 6
+NOISE_GRID = {False: (0.1, 60), True: (3e-3, 160)}
+"""Lowest frequency, in units of the natural crossover, and points; an integral also counts a slow loop's resonance."""
 EDGE = 1e-6
 """How near to an end of its range a number counts as being there, in units of its scale."""
 STEP = 1e-6
@@ -117,7 +119,8 @@ class TimeProblem:
         self._w = np.exp(self._log_w)
         self._p = process(1j * self._w)
         nyquist = math.log(max(math.pi / specification.sample_time, self.speed))
-        grid = np.linspace(math.log(0.1 * self.speed), nyquist, 60)
+        lowest, count = NOISE_GRID[specification.bounds_noise_rms]
+        grid = np.linspace(math.log(lowest * self.speed), nyquist, count)
         self._log_noise_w = np.union1d(grid, [z for z in watched if z < nyquist])
         self._noise_p = process(1j * np.exp(self._log_noise_w))
         size, time = abs(self.gain), 1.0 / self.speed

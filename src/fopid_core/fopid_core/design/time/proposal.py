@@ -90,12 +90,9 @@ def time_specification(request: TuningRequest) -> TimeSpecification:
     process = request.process
     held = process.steady_state_gain != 0.0
     require(held, "process", process, "for this method one with a steady-state gain, since no control holds a setpoint")
-    horizon = request.horizon
-    speed = defaults.natural_crossover(process, defaults.PHASE_MARGIN)
-    if horizon is None:
-        horizon = max(TURNS / speed, DELAYS * process.delay)
+    horizon = settling_horizon(process) if request.horizon is None else request.horizon
     require(horizon > process.delay, "horizon", f"{horizon:g} s", f"longer than the delay {process.delay:g} s")
-    longest = MOST_TURNS / speed
+    longest = MOST_TURNS / defaults.natural_crossover(process, defaults.PHASE_MARGIN)
     require(horizon <= longest, "horizon", f"{horizon:g} s", f"up to {longest:.3g} s for so fast a process")
     objective = Objective.of(request.index, request.weights)
     by_setpoint = objective.is_integral and not objective.needs_control
@@ -120,6 +117,20 @@ def time_specification(request: TuningRequest) -> TimeSpecification:
         noise_rms_max=_or_none(request.noise_rms_max),
         rate_max=_or_none(request.rate_max),
     )
+
+
+def settling_horizon(process: Process, crossover: float = math.inf) -> float:
+    """The time [s] in which a loop with the natural crossover, or a lower one, settles; no longer than can be searched.
+
+    Examples
+    --------
+    >>> process = Process.parse("1/(s+1)^3")
+    >>> round(settling_horizon(process, 0.1) * 0.1), settling_horizon(process, 9.0) == settling_horizon(process)
+    (40, True)
+    """
+    natural = defaults.natural_crossover(process, defaults.PHASE_MARGIN)
+    settled = max(TURNS / min(crossover, natural), DELAYS * process.delay)
+    return min(settled, MOST_TURNS / natural)
 
 
 def _noise_max(request: TuningRequest, usual: float, two_degrees: bool) -> float:
