@@ -104,7 +104,7 @@ def test_the_policy_allows_what_the_nodes_of_a_loop_use_and_no_more(graph: Graph
 def test_the_policy_allows_what_an_experiment_uses_and_no_more(graph: Graph, tmp_path: Path) -> None:
     watch = Watch(graph)
     file = tmp_path / "step.yaml"
-    file.write_text("name: step\nprocess: P1\ngains: {kp: 1.0}\nphases: [{name: step, duration: 20, setpoint: 1}]\n")
+    file.write_text("name: step\nprocess: P1\ngains: {kp: 1.0}\nphases: [{name: step, duration: 200, setpoint: 1}]\n")
     command = [str(BIN / "experiment"), str(file), "--start-nodes", "--no-report", "--out", str(tmp_path / "run")]
     running = subprocess.Popen(command, env=graph.environment, stdout=subprocess.DEVNULL)
     graph.until(lambda: watch.look() or running.poll() is not None, "the end of the experiment", 100.0)

@@ -157,7 +157,7 @@ def improve(
     request : TuningRequest
         The method asked for, and the sample time.
     limits : RobustLimits
-        On every process that the record leaves possible.
+        On every process that the record leaves possible. Running gains beyond its Ms are beaten by any design within.
     running : RunningGains
     compare : bool
         Whether other methods are tried as well.
@@ -168,7 +168,7 @@ def improve(
     """
     if not identified.success or identified.best is None:
         return Improvement(False, identified.message, tune_robustly(identified, request, limits, clock))
-    judge = _Judge(identified.best.process, request.sample_time, running)
+    judge = _Judge(identified.best.process, request.sample_time, running, limits.ms_max)
     best: tuple[float, RobustTuning, str] | None = None
     refused: list[tuple[RobustTuning, str]] = []
     for wanted in _requests(request, judge, compare):
@@ -246,8 +246,8 @@ def _horizon(process: Process, noise_gain_max: float) -> float:
 class _Judge:
     """Judges designs beside the gains that run."""
 
-    def __init__(self, process: Process, sample_time: float, running: RunningGains) -> None:
-        self.process, self._sample_time, self._running = process, sample_time, running
+    def __init__(self, process: Process, sample_time: float, running: RunningGains, ms_max: float) -> None:
+        self.process, self._sample_time, self._running, self._ms_max = process, sample_time, running, ms_max
         self._judged: dict[Fopid, LoopWorth] = {}
         self.crossover, self.noise_excess = 0.0, 0.0
         loop = Loop(process, running.gains)
@@ -273,6 +273,8 @@ class _Judge:
             return f"the measurement's noise would move the control by {moves:.3g} ({most:.3g} is allowed)"
         if math.isinf(old.setpoint):
             return "" if math.isfinite(new.setpoint) else "its responses are not known"
+        if old.ms > self._ms_max:  # what runs is not to be kept, however fast it is
+            return ""
         if new.setpoint > WORSE * old.setpoint or new.load > WORSE * old.load or self.score(tuned) > BETTER:
             return f"not better than what runs on the learnt process: {new}; now {old}"
         return ""

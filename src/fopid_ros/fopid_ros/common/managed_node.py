@@ -317,8 +317,8 @@ def run(
     return run_all([make or node_class], args)
 
 
-def refuse_other_arguments(args: Sequence[str]) -> None:
-    """Raise InputError for an argument that ROS would leave to the node, and that the node does not have.
+def refuse_other_arguments(args: Sequence[str], own: Sequence[str] = ()) -> None:
+    """Raise InputError for an argument that ROS would leave to the node, and that the node does not have (``own``).
 
     Examples
     --------
@@ -328,17 +328,21 @@ def refuse_other_arguments(args: Sequence[str]) -> None:
     fopid_core.errors.InputError: argument '--kp'; allowed: --help, and parameters as in --ros-args -p kp:=VALUE
     """
     for other in remove_ros_args(["node", *args])[1:]:
+        if other in own:
+            continue
         name = other.lstrip("-").partition("=")[0] if other.startswith("-") else "NAME"
         raise InputError(f"argument {other!r}; allowed: --help, and parameters as in --ros-args -p {name}:=VALUE")
 
 
-def run_all(makers: Sequence[Callable[[], ManagedNode]], args: Sequence[str] | None = None) -> int:
-    """Run several nodes in one process, on one executor, as ``run`` does one."""
+def run_all(
+    makers: Sequence[Callable[[], ManagedNode]], args: Sequence[str] | None = None, own: Sequence[str] = ()
+) -> int:
+    """Run several nodes in one process, on one executor, as ``run`` does one; ``own`` are arguments of the command."""
     stop = StopSignal()
     nodes: list[ManagedNode] = []
     at = ""
     try:
-        refuse_other_arguments(sys.argv[1:] if args is None else args)
+        refuse_other_arguments(sys.argv[1:] if args is None else args, own)
         check_domain()
         remove_abandoned_segments()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)

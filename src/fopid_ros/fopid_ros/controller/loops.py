@@ -37,7 +37,7 @@ def main(args: Sequence[str] | None = None) -> int:
         return 2
     ask_promptly_for_what_was_missed()
     makers: list[Callable[[], ManagedNode]] = [partial(ControllerNode, namespace=name) for name in namespaces]
-    return run_all(makers, given[1:])
+    return run_all(makers, given[1:], namespaces)
 
 
 def _plain(namespaces: Sequence[str]) -> list[str]:
