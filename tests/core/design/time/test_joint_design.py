@@ -17,7 +17,7 @@ from fopid_core.design.time.tuning import TimeDesign, tune_time
 from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError
 from fopid_core.model.loop import Loop
-from fopid_core.model.process import Process, read_process
+from fopid_core.model.process import read_process
 from fopid_core.model.response import step_response
 from fopid_core.model.response_indices import response_indices
 
