@@ -107,6 +107,7 @@ def test_cycles_of_configure_and_cleanup_under_traffic_leave_nothing_open(graph:
     fed = FedController(graph, {"kp": 1.0})
     fed.run(setpoint=1.0, sensor=0.5)
     graph.client(Trigger, f"{NAME}/reset")
+    graph.until(lambda: NAME in graph.node.get_node_names(), "the controller's name")
     before = endpoints(graph)
     files = open_files(fed.process)
     down = (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
