@@ -38,8 +38,12 @@ def test_a_joint_by_name_with_scale_and_the_shortest_way(graph: Graph) -> None:
     def taken(**message: list) -> FopidState:
         """The state once this has been measured."""
         begun = len(states)
-        sensor.publish(JointState(**message))
-        graph.until(lambda: any(state.measurement == 3.0 for state in states[begun:]), "3 measured")
+
+        def measured() -> bool:  # published until it is: a first message may find no reader yet
+            sensor.publish(JointState(**message))
+            return any(state.measurement == 3.0 for state in states[begun:])
+
+        graph.until(measured, "3 measured")
         return states[-1]
 
     # 0.5 - (-2.5) = 3 rad; from there to -3 rad the shortest way is forward, 2 pi - 6.
@@ -49,8 +53,12 @@ def test_a_joint_by_name_with_scale_and_the_shortest_way(graph: Graph) -> None:
         graph.until(lambda: controls, "a control")
         assert controls[-1].name == ["elbow"]
         assert controls[-1].effort[0] == pytest.approx(2.0 * (2.0 * math.pi - 6.0))
-    setpoint.publish(Float64MultiArray(data=[7.0, 1.0]))
-    graph.until(lambda: states[-1].setpoint == 1.0, "the setpoint in an array")
+
+    def followed() -> bool:
+        setpoint.publish(Float64MultiArray(data=[7.0, 1.0]))
+        return bool(states[-1].setpoint == 1.0)
+
+    graph.until(followed, "the setpoint in an array")
 
     sensor.publish(JointState(name=["shoulder", "wrist"], position=[1.0, 2.0]))
     told = "measurement.field = 'position[elbow]': no 'elbow' in name; allowed: shoulder, wrist; refused (1 so far)"

@@ -362,6 +362,7 @@ def test_a_folder_that_vanishes_is_told_and_the_run_goes_on(graph: Graph, tmp_pa
     assert told[0].startswith("recording stopped: No such file or directory")
 
 
+@pytest.mark.slow
 def test_after_a_kill_the_bag_is_readable_up_to_the_last_flush(start, graph: Graph, tmp_path: Path) -> None:
     recorder = start(RECORD, tmp_path / "bag", 0)
     assert recorder.hear() == "recording"

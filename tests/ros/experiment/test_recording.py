@@ -77,6 +77,7 @@ def test_what_may_be_missing_is_what_the_extra_brings() -> None:
     assert {module for module, extra in EXTRA.items() if extra == "bags"} == BAG_PACKAGES
 
 
+@pytest.mark.slow
 def test_without_rosbags_ros2_bag_record_hears_every_sample(graph: Graph, tmp_path: Path) -> None:
     (tmp_path / "bin").mkdir()
     program = tmp_path / "bin" / "ros2"

@@ -158,6 +158,7 @@ def test_cancelling_puts_everything_back(loops: Any) -> None:
     loop.until_at_rest()
 
 
+@pytest.mark.slow
 def test_moves_that_are_too_large_shrink_before_the_measurement_leaves_its_band(loops: Any) -> None:
     loop = loops("saturating", PI)
     handle = loop.autotune(amplitude=1.0, deviation_max=0.2, duration=8.0)
