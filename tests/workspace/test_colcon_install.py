@@ -75,7 +75,7 @@ def test_launch_files_are_installed():
 
 def test_configuration_is_installed_as_it_stands_in_the_repository():
     installed = tree(INSTALL / "fopid_ros" / "share" / "fopid_ros" / "config", "*")
-    assert installed == tree(ROOT / "config", "*.yaml")
+    assert installed == tree(ROOT / "config", "*.*")
     assert installed
 
 
