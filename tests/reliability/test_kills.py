@@ -99,10 +99,10 @@ class Campaign:
         return None
 
     def _accepted_goal(self) -> Any:
-        """A goal is sent until a tuner accepts it: a killed one is listed for a while yet."""
-        deadline = time.monotonic() + 30.0
+        """A goal is sent until a tuner accepts it: a killed one is listed for a while yet, a busy one ends its work."""
+        deadline = time.monotonic() + 60.0
         while time.monotonic() < deadline:
-            sent: Future = self._autotune.send_goal_async(Autotune.Goal(deviation_max=0.3))
+            sent: Future = self._autotune.send_goal_async(Autotune.Goal(method="frequency", deviation_max=0.3))
             self.graph.executor.spin_until_future_complete(sent, timeout_sec=2.0)
             if sent.done() and sent.result().accepted:
                 return sent.result()
