@@ -9,7 +9,7 @@ import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `make` sets it: ten times faster on a busy machine
 
-ROS = Path(__file__).parent / "ros"
+OVER_ROS = {Path(__file__).parent / folder for folder in ("ros", "reliability", "docs", "examples")}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -18,6 +18,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     Discovery and timers may lose against a busy neighbour on the machine.
     """
     for item in items:
-        if ROS in item.path.parents:
+        if OVER_ROS.intersection(item.path.parents):
             item.add_marker(pytest.mark.ros)
             item.add_marker(pytest.mark.flaky(reruns=1))
