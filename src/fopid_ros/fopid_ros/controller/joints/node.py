@@ -221,6 +221,8 @@ class JointsNode(ManagedNode):
         self._forget()
 
     def _tick_on_timer(self) -> None:
+        if not self._active:  # it was due before the timer ended: the safe controls stay the last thing sent
+            return
         now = self._now()
         self._begin_tick(now)
         self._tick(self.get_clock().now().nanoseconds, now)
