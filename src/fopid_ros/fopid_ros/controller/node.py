@@ -6,26 +6,22 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from rclpy.timer import Timer
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
 from fopid_core.errors import InputError
 from fopid_core.runtime.controller import ControllerState, FopidController
 from fopid_msgs.msg import FopidState
 from fopid_ros.common.diagnostics import (
     PublisherConflicts,
-    TickStatistics,
     diagnostic_array,
     diagnostic_status,
     health_problems,
@@ -53,21 +49,17 @@ from fopid_ros.controller.parameters import (
 from fopid_ros.controller.retained import check_provenance
 from fopid_ros.controller.scheduling import Scheduling, check_scheduled_gains, listens
 from fopid_ros.controller.state_message import fill_signals
+from fopid_ros.controller.ticking import TickingNode
 
-NS = 1_000_000_000
 TRIAL_LOOK_PERIOD = 0.25  # [s]
 
 
-class ControllerNode(ManagedNode):
+class ControllerNode(TickingNode):
     """Subscribes setpoint, measurement, feedforward, manual_control and tracking; publishes control and ~/state."""
 
     NAME = "fopid_controller"
     SPECS = SPECS
 
-    _active = False
-    _timer: Timer | None = None
-    _last_tick: int | None = None
-    _state_sent_ns = 0
     _parts_known = False
 
     def __init__(self, context: Context | None = None, namespace: str | None = None) -> None:
@@ -98,17 +90,12 @@ class ControllerNode(ManagedNode):
         self._memory.take(values)
         self._controller = FopidController(controller_settings(values, types["control"]))
         self._controller.set_mode(values["mode"])
-        self._lockstep = values["trigger"] == "lockstep"
-        self._period_ns = round(values["sample_time"] * NS)
+        self.open_ticks(values)
         self._unusable: list[Input] = []
         self._dropped: list[Input] = []
-        self._statistics = TickStatistics(values["sample_time"], time.monotonic_ns())
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._tick_clock, self._now = self._time_of_ticks()
         counts = self._statistics.counts
         self._inputs = LoopInputs(self, values, types, counts, self._now, initial_setpoint(values))
         self._scheduling = Scheduling(values, self._controller, self._inputs)
-        self._interval = 0.0
         self._control = values["safe_control"]
         self._publisher_conflicts = PublisherConflicts(self, LOOP_SIGNALS)
         self._contested_topics: list[str] = []
@@ -118,25 +105,11 @@ class ControllerNode(ManagedNode):
         self._open_services()
         refuse_idle_gains(values)
 
-    def _time_of_ticks(self) -> tuple[Clock, Callable[[], int]]:
-        """The clock of the ticks, and the time by which inputs age [ns]; in lockstep the loop's own."""
-        if self._lockstep:
-            return self._steady, lambda: self._last_tick or 0
-        if self.get_parameter("use_sim_time").value:
-            clock = self.get_clock()
-            return clock, lambda: int(clock.now().nanoseconds)
-        return self._steady, time.monotonic_ns
-
     def _open_topics(self, types: dict[str, SignalType]) -> None:
         lockstep, endpoints = self._lockstep, self.endpoints
         self._inputs.listen(tracking=self._values["tracking.enabled"], scheduling=listens(self._values))
         self._cascade = CascadeLink(endpoints, self._values, self._inputs.tracking)
-        endpoints.subscription(
-            types["measurement"].message_type, "measurement",
-            self.guard.wrap("tick", self._lockstep_tick, self._fail_safe) if lockstep
-            else self._inputs.take_measurement,
-            loop_qos(lockstep=lockstep, reliable=False),
-        )  # fmt: skip
+        self.open_measurement()
         self._write = types["control"].writer()
         self._control_publisher = endpoints.publisher(
             types["control"].message_type, "control", loop_qos(lockstep=lockstep)
@@ -148,8 +121,7 @@ class ControllerNode(ManagedNode):
         endpoints.refuse_unknown_overrides()
 
     def _open_services(self) -> None:
-        self.endpoints.service(Trigger, "~/reset", self._on_reset)
-        self.endpoints.service(SetBool, "~/set_auto", self._on_set_auto)
+        self.open_mode_services()
         self.endpoints.service(Trigger, "~/save_gains", self._on_save_gains)
         self.endpoints.timer(1.0, self._publish_diagnostics, self._steady)
         self.endpoints.timer(TRIAL_LOOK_PERIOD, self._end_abandoned_trial, self._steady)
@@ -194,83 +166,19 @@ class ControllerNode(ManagedNode):
     # Transitions.
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._last_tick = None
-        self._inputs.begin()
-        self._interval = 0.0
-        if not self._lockstep:
-            tick = self.guard.wrap("tick", self._tick_on_timer, self._fail_safe)
-            self._timer = self.create_timer(self._period_ns * 1e-9, tick, clock=self._tick_clock)
-        self._active = True
         gains = self._controller.settings.gains
         self.get_logger().info(f"controlling with {gains} every {self._period_ns * 1e-9:g} s")
         return super().on_activate(state)
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._stop_control()
-        return super().on_deactivate(state)
-
-    def _release(self) -> None:
-        self._stop_control()
-        super()._release()
-
-    def _stop_control(self) -> None:
-        """Publish the safe control and tick no more."""
-        if not self._active:
-            return
-        self._active = False
-        self.publish_control(self._values["safe_control"], self.get_clock().now().nanoseconds)
-        if self._timer is not None:
-            self.destroy_timer(self._timer)
-            self._timer = None
-        self._forget()
-
     # Ticks.
 
-    def _lockstep_tick(self, message: Any) -> None:
-        """In lockstep: each measurement is answered by one control with the same stamp."""
-        kind = self._types["measurement"]
-        stamp = kind.stamp_ns(message)
-        if stamp is None:
-            stamp = self.get_clock().now().nanoseconds
-        if not self._active:
-            return
-        if stamp == self._last_tick:  # the plant asks again: the answer is the same
-            self.publish_control(self._control, stamp)
-            return
-        self._inputs.take_due(stamp)
-        self._begin_tick(stamp)
-        self._inputs.take(self._inputs.measurement, kind.read(message), stamp)
-        self._tick(stamp, stamp)
+    def take_measurement(self, message: Any, stamp_ns: int) -> None:
+        self._inputs.take(self._inputs.measurement, self._types["measurement"].read(message), stamp_ns)
 
-    def _fail_safe(self) -> None:
-        """A tick failed that should not: the safe control, and a controller as new for the next one."""
+    def make_safe(self) -> None:
         self._control = self._values["safe_control"]
-        stamp = self._last_tick if self._lockstep else None
-        self.publish_control(self._control, stamp or self.get_clock().now().nanoseconds)
-        self._controller.reset()
 
-    def _tick_on_timer(self) -> None:
-        if not self._active:  # it was due before the timer ended: the safe control stays the last thing sent
-            return
-        now = self._now()
-        self._begin_tick(now)
-        self._tick(self.get_clock().now().nanoseconds, now)
-
-    def _begin_tick(self, now_ns: int) -> None:
-        """Measure the time since the last tick; time that runs backwards starts the controller anew."""
-        before, self._last_tick = self._last_tick, now_ns
-        if before is not None and now_ns >= before:
-            self._interval = (now_ns - before) * 1e-9
-            self._statistics.counts.late_ticks += max(0, round((now_ns - before) / self._period_ns) - 1)
-            return
-        self._interval = 0.0
-        if before is not None:
-            self._inputs.warn_backwards("time", "the controller starts anew")
-            self._forget()
-        if before is not None or self._lockstep:
-            self._inputs.begin_anew(now_ns)
-
-    def _tick(self, stamp_ns: int, now_ns: int) -> None:
+    def tick(self, stamp_ns: int, now_ns: int) -> None:
         inputs, mode = self._inputs, self._controller.state.mode
         unusable, dropped = inputs.unusable(now_ns, mode), inputs.dropped(now_ns)
         if (unusable, dropped) != (self._unusable, self._dropped):
@@ -332,14 +240,16 @@ class ControllerNode(ManagedNode):
         self._statistics.counts.controls_not_finite += 1
         self.get_logger().error(f"control = {control}: the controller starts anew", throttle_duration_sec=1.0)
         before = self._controller.state
-        self._forget()
+        self.forget()
         before.control, before.saturated = self._controller.state.control, True
         return before.control
 
-    def _forget(self) -> None:
-        """Make the controller as new, but for gains and mode."""
+    def forget(self) -> None:
         self._controller.reset()
         self._parts_known = False
+
+    def send_control(self, stamp_ns: int) -> None:
+        self.publish_control(self._control, stamp_ns)
 
     def publish_control(self, control: float, stamp_ns: int) -> None:
         """Send the control with the stamp of the measurement it answers, or of the tick [ns]."""
@@ -347,11 +257,7 @@ class ControllerNode(ManagedNode):
 
     def _state_is_due(self, now_ns: int) -> bool:
         """Whether somebody hears ~/state, and ``state_rate`` allows another one."""
-        interval_ns = NS / self._values["state_rate"] - self._period_ns // 2  # the nearest tick, however it jitters
-        if not self._state_publisher.get_subscription_count() or 0 <= now_ns - self._state_sent_ns < interval_ns:
-            return False
-        self._state_sent_ns = now_ns
-        return True
+        return bool(self._state_publisher.get_subscription_count()) and self.state_interval_is_over(now_ns)
 
     def _publish_state(self, stamp_ns: int, now_ns: int, state: ControllerState) -> None:
         message = self._state
@@ -428,18 +334,6 @@ class ControllerNode(ManagedNode):
         }  # fmt: skip
 
     # Services.
-
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._forget()
-        self._last_tick = None
-        response.success, response.message = True, "the past is forgotten; gains and mode stay"
-        return response
-
-    def _on_set_auto(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        mode = "auto" if request.data else "manual"
-        result = self.set_parameters_atomically([Parameter("mode", value=mode)])
-        response.success, response.message = result.successful, result.reason or mode
-        return response
 
     def _on_save_gains(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         directory, name = self._values["directory"], self._values["gains_file"]

@@ -75,7 +75,7 @@ class JointInputs:
             for one in inputs:
                 one.received_ns = now_ns
 
-    def take_due(self) -> None:
+    def take_due(self, now_ns: int) -> None:
         """In lockstep: everything that has come before this sample."""
         for subscription in self._subscriptions:
             take_pending_messages(subscription)

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from rclpy.timer import Timer
-from std_srvs.srv import SetBool, Trigger
 
 from fopid_core.runtime.controller_bank import ControllerBank
 from fopid_msgs.msg import FopidState
-from fopid_ros.common.diagnostics import PublisherConflicts, TickStatistics, health_problems
+from fopid_ros.common.diagnostics import PublisherConflicts, health_problems
 from fopid_ros.common.inputs import is_number
-from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos
+from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, loop_qos
 from fopid_ros.controller.joints.inputs import JointInputs
 from fopid_ros.controller.joints.joint import Joint
 from fopid_ros.controller.joints.parameters import (
@@ -31,8 +27,8 @@ from fopid_ros.controller.joints.parameters import (
     signal_types,
 )
 from fopid_ros.controller.parameters import SIGNALS, check_timeouts
+from fopid_ros.controller.ticking import TickingNode
 
-NS = 1_000_000_000
 LISTENERS_PERIOD = 0.2
 """How often it is looked who hears the states of the joints [s]: to ask at each tick costs more than the control."""
 
@@ -49,7 +45,7 @@ def given_dof_names(name: str, context: Context | None = None) -> list[str] | No
     return list(map(str, given.value)) if isinstance(given.value, list) else [str(given.value)]
 
 
-class JointsNode(ManagedNode):
+class JointsNode(TickingNode):
     """Subscribes setpoint, measurement, feedforward, manual_control, tracking; publishes control and ~/NAME/state.
 
     Parameters
@@ -59,10 +55,6 @@ class JointsNode(ManagedNode):
 
     NAME = "fopid_controller"
     SPECS = ()
-
-    _active = False
-    _timer: Timer | None = None
-    _last_tick: int | None = None
 
     def __init__(self, dof_names: Sequence[str], context: Context | None = None) -> None:
         check_dof_names(dof_names)
@@ -81,38 +73,20 @@ class JointsNode(ManagedNode):
         self._bank = ControllerBank(joint_settings(values, types["control"]))
         refuse_idle_joints(values)
         self._joints = [Joint(*each) for each in zip(values["dof_names"], self._bank.controllers, strict=True)]
-        self._lockstep = values["trigger"] == "lockstep"
-        self._period_ns = round(values["sample_time"] * NS)
-        self._statistics = TickStatistics(values["sample_time"], time.monotonic_ns())
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._tick_clock, self._now = self._time_of_ticks()
+        self.open_ticks(values)
         self._inputs = JointInputs(self, self._joints, types, self._statistics.counts, self._now)
         self._conflicts = PublisherConflicts(self, SIGNALS)
-        self._contested, self._interval, self._state_sent_ns = False, 0.0, 0
+        self._contested = False
         self._troubled: tuple[str, ...] = ()
         self._take_settings()
         self._set_modes()
         self._open_endpoints()
         self._controls = self._safe_controls()
 
-    def _time_of_ticks(self) -> tuple[Clock, Callable[[], int]]:
-        """The clock of the ticks, and the time by which inputs age [ns]; in lockstep the loop's own."""
-        if self._lockstep:
-            return self._steady, lambda: self._last_tick or 0
-        if self.get_parameter("use_sim_time").value:
-            clock = self.get_clock()
-            return clock, lambda: int(clock.now().nanoseconds)
-        return self._steady, time.monotonic_ns
-
     def _open_endpoints(self) -> None:
         lockstep, endpoints, types = self._lockstep, self.endpoints, self._types
         self._inputs.listen(lockstep=lockstep, tracking=self._values["tracking.enabled"])
-        endpoints.subscription(
-            types["measurement"].message_type, "measurement",
-            self.guard.wrap("tick", self._lockstep_tick, self._fail_safe) if lockstep
-            else self._inputs.take_measurement,
-            loop_qos(lockstep=lockstep, reliable=False),
-        )  # fmt: skip
+        self.open_measurement()
         self._write = types["control"].writer()
         self._control_publisher = endpoints.publisher(
             types["control"].message_type, "control", loop_qos(lockstep=lockstep)
@@ -123,8 +97,7 @@ class JointsNode(ManagedNode):
         ]
         self._heard = [False] * len(self._joints)
         endpoints.timer(LISTENERS_PERIOD, self._look_for_listeners, self._steady)
-        endpoints.service(Trigger, "~/reset", self._on_reset)
-        endpoints.service(SetBool, "~/set_auto", self._on_set_auto)
+        self.open_mode_services()
         self.open_diagnostics()
         endpoints.refuse_unknown_overrides()
 
@@ -159,89 +132,29 @@ class JointsNode(ManagedNode):
     # Transitions.
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._last_tick = None
-        self._inputs.begin()
-        self._interval = 0.0
-        if not self._lockstep:
-            tick = self.guard.wrap("tick", self._tick_on_timer, self._fail_safe)
-            self._timer = self.create_timer(self._period_ns * 1e-9, tick, clock=self._tick_clock)
-        self._active = True
         for joint in self._joints:
             self.get_logger().info(f"controlling {joint.name} with {joint.controller.settings.gains}")
         return super().on_activate(state)
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._stop_control()
-        return super().on_deactivate(state)
+    # Ticks.
 
-    def _release(self) -> None:
-        self._stop_control()
-        super()._release()
+    def take_measurement(self, message: Any, stamp_ns: int) -> None:
+        self._inputs.take("measurement", message, stamp_ns)
 
-    def _stop_control(self) -> None:
-        """Publish the safe controls and tick no more."""
-        if not self._active:
-            return
-        self._active = False
-        self._publish(self._safe_controls(), self.get_clock().now().nanoseconds)
-        if self._timer is not None:
-            self.destroy_timer(self._timer)
-            self._timer = None
-        self._forget()
+    def make_safe(self) -> None:
+        self._controls = self._safe_controls()
+
+    def send_control(self, stamp_ns: int) -> None:
+        self._publish(self._controls, stamp_ns)
 
     def _safe_controls(self) -> list[float]:
         return [one.settings.safe_control for one in self._bank.controllers]
 
-    def _forget(self) -> None:
+    def forget(self) -> None:
         for joint in self._joints:
             joint.forget()
 
-    # Ticks.
-
-    def _lockstep_tick(self, message: Any) -> None:
-        """In lockstep: each measurement is answered by the controls with the same stamp."""
-        stamp = self._types["measurement"].stamp_ns(message)
-        if stamp is None:
-            stamp = self.get_clock().now().nanoseconds
-        if not self._active:
-            return
-        if stamp == self._last_tick:  # the plant asks again: the answer is the same
-            self._publish(self._controls, stamp)
-            return
-        self._inputs.take_due()
-        self._begin_tick(stamp)
-        self._inputs.take("measurement", message, stamp)
-        self._tick(stamp, stamp)
-
-    def _fail_safe(self) -> None:
-        """A tick failed that should not: the safe controls, and controllers as new for the next one."""
-        self._controls = self._safe_controls()
-        stamp = self._last_tick if self._lockstep else None
-        self._publish(self._controls, stamp or self.get_clock().now().nanoseconds)
-        self._forget()
-
-    def _tick_on_timer(self) -> None:
-        if not self._active:  # it was due before the timer ended: the safe controls stay the last thing sent
-            return
-        now = self._now()
-        self._begin_tick(now)
-        self._tick(self.get_clock().now().nanoseconds, now)
-
-    def _begin_tick(self, now_ns: int) -> None:
-        """Measure the time since the last tick; time that runs backwards starts the controllers anew."""
-        before, self._last_tick = self._last_tick, now_ns
-        if before is not None and now_ns >= before:
-            self._interval = (now_ns - before) * 1e-9
-            self._statistics.counts.late_ticks += max(0, round((now_ns - before) / self._period_ns) - 1)
-            return
-        self._interval = 0.0
-        if before is not None:
-            self._inputs.warn_backwards("time", "the controllers start anew")
-            self._forget()
-        if before is not None or self._lockstep:
-            self._inputs.begin_anew(now_ns)
-
-    def _tick(self, stamp_ns: int, now_ns: int) -> None:
+    def tick(self, stamp_ns: int, now_ns: int) -> None:
         contested = self._contested
         self._controls = self._bank.step([joint.signals(now_ns, contested=contested) for joint in self._joints])
         saturated = stale = False
@@ -270,12 +183,8 @@ class JointsNode(ManagedNode):
 
     def _publish_states(self, stamp_ns: int, now_ns: int) -> None:
         """Of the joints that somebody hears, as often as ``state_rate`` allows."""
-        if not any(self._heard):
+        if not any(self._heard) or not self.state_interval_is_over(now_ns):
             return
-        least = NS / self._values["state_rate"] - self._period_ns // 2  # the nearest tick, however it jitters
-        if 0 <= now_ns - self._state_sent_ns < least:
-            return
-        self._state_sent_ns = now_ns
         for joint, publisher, heard in zip(self._joints, self._state_publishers, self._heard, strict=True):
             if heard:
                 message = joint.told(stamp_ns, now_ns)
@@ -335,17 +244,3 @@ class JointsNode(ManagedNode):
                 for one in joint.dropped(now_ns)
             ]
         return found
-
-    # Services.
-
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._forget()
-        self._last_tick = None
-        response.success, response.message = True, "the past is forgotten; gains and mode stay"
-        return response
-
-    def _on_set_auto(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        mode = "auto" if request.data else "manual"
-        result = self.set_parameters_atomically([Parameter("mode", value=mode)])
-        response.success, response.message = result.successful, result.reason or mode
-        return response
