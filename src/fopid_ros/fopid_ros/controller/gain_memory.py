@@ -9,16 +9,23 @@ from typing import Any
 
 from fopid_core.errors import InputError
 from fopid_ros.common.managed_node import ManagedNode
-from fopid_ros.controller.retained import Retained, Retainer, with_provenance
+from fopid_ros.controller.retained import BASIS, GAINS, PROVENANCE, Retained, Retainer, with_provenance
+
+NEEDED = (*GAINS, *BASIS, *PROVENANCE, "directory", "retain", "trial_timeout")
+"""The parameters of a controller that its memory reads."""
 
 
 class GainMemory:
-    """The newest gains of a node that are not on trial, in a file if its parameter ``retain`` says so.
+    """The newest gains of a controller that are not on trial, in a file if its parameter ``retain`` says so.
 
     Parameters
     ----------
     node : ManagedNode
         With the parameters of a controller.
+    joint : str, optional
+        Whose gains they are, where the node has many joints.
+    called : callable, optional
+        What the node calls a parameter of this controller.
 
     Raises
     ------
@@ -26,8 +33,12 @@ class GainMemory:
         If there is no place for the file.
     """
 
-    def __init__(self, node: ManagedNode) -> None:
-        self._node, self._name, values = node, node.get_fully_qualified_name(), node.values()
+    def __init__(self, node: ManagedNode, joint: str = "", called: Callable[[str], str] = str) -> None:
+        self._node = node
+        self._names = {name: called(name) for name in NEEDED}
+        self._name = "/".join(filter(None, (node.get_fully_qualified_name(), joint)))
+        self._what = f"gains of {joint}" if joint else "gains"
+        values = self._own(node.values())
         self._known = Retained.of(self._name, values)
         self._retainer = Retainer(Path(values["directory"]), self._name) if values["retain"] else None
         self._trial_told_at = time.monotonic()
@@ -43,32 +54,34 @@ class GainMemory:
         """
         if self._retainer is None:
             return {}
-        given = self._known
+        given, what = self._known, self._what
         try:
             kept = self._retainer.read()
             if kept is None:
-                self._node.get_logger().info(f"gains {given.text}: of the parameters, since none have been kept yet")
+                self._node.get_logger().info(f"{what} {given.text}: of the parameters, since none have been kept yet")
                 return {}
             if kept.basis != given.basis:
                 raise InputError(f"they are for {_listed(kept.basis)}; now it is {_listed(given.basis)}")
-            check({**self._node.values(), **kept.parameters})
+            check({**self._node.values(), **self._called(kept.parameters)})
         except InputError as error:
             self._node.get_logger().error(
-                f"gains {given.text}: of the parameters, since the kept ones cannot be used: {error}"
+                f"{what} {given.text}: of the parameters, since the kept ones cannot be used: {error}"
             )
             return {}
         self._known = kept
         self._node.get_logger().info(
-            f"gains {kept}: the kept ones; those of the parameters, {given.text}, are not used"
+            f"{what} {kept}: the kept ones; those of the parameters, {given.text}, are not used"
         )
-        return kept.parameters
+        return self._called(kept.parameters)
 
     def with_provenance(self, changes: Mapping[str, Any]) -> dict[str, Any]:
         """Changes of parameters, and where the gains in them come from."""
-        return with_provenance(changes, self._node.values(), self._known)
+        whole = with_provenance(self._own(changes), self._own(self._node.values()), self._known)
+        return {**changes, **self._called(whole)}
 
     def take(self, values: Mapping[str, Any]) -> None:
         """Keep what has changed; gains on trial are not known to hold the loop."""
+        values = self._own(values)
         now = Retained.of(self._name, values)
         same = (now.parameters, now.basis) == (self._known.parameters, self._known.basis)
         if same or values["gains.status"] == "trial":
@@ -79,31 +92,42 @@ class GainMemory:
 
     def hear_of_trial(self, changes: Mapping[str, Any]) -> None:
         """Whoever puts gains on trial, or says again that they are, is alive."""
-        if changes.get("gains.status") == "trial":
+        if self._own(changes).get("gains.status") == "trial":
             self._trial_told_at = time.monotonic()
 
     def before_abandoned_trial(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """The parameters to go back to, where gains are on trial whose author has fallen silent; else none."""
+        values = self._own(values)
         silence, longest = time.monotonic() - self._trial_told_at, values["trial_timeout"]
         if values["gains.status"] != "trial" or not longest or silence <= longest:
             return {}
         self.abandoned_trials += 1
         self._node.get_logger().error(
-            f"gains on trial, and nothing heard of {values['gains.origin'] or 'their author'!r} for {silence:.3g} s; "
-            f"trial_timeout = {longest:g}: back to {self._known}"
+            f"{self._what} on trial, and nothing heard of {values['gains.origin'] or 'their author'!r} "
+            f"for {silence:.3g} s; trial_timeout = {longest:g}: back to {self._known}"
         )
-        return self._known.parameters
+        return self._called(self._known.parameters)
 
     @property
     def trouble(self) -> str:
         """Why the newest gains are not kept, or not yet; empty when they are, or need not be."""
-        return "" if self._retainer is None else self._retainer.trouble
+        trouble = "" if self._retainer is None else self._retainer.trouble
+        return f"{self._what} not kept: {trouble}" if trouble else ""
 
-    def facts(self, status: str) -> dict[str, object]:
+    def facts(self, values: Mapping[str, Any]) -> dict[str, object]:
         """What the diagnostics tell."""
-        kept = "not asked for" if self._retainer is None else self.trouble or "yes"
-        known = "on trial" if status == "trial" else str(self._known)
-        return {"gains": known, "gains kept": kept, "abandoned trials of gains": self.abandoned_trials}
+        kept = "not asked for" if self._retainer is None else self._retainer.trouble or "yes"
+        known = "on trial" if self._own(values)["gains.status"] == "trial" else str(self._known)
+        what = self._what
+        return {what: known, f"{what} kept": kept, f"abandoned trials of {what}": self.abandoned_trials}
+
+    def _own(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """These parameters of the node by the names they have in a node of one loop."""
+        return {name: values[called] for name, called in self._names.items() if called in values}
+
+    def _called(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """As the node calls these parameters."""
+        return {self._names[name]: value for name, value in values.items()}
 
 
 def _listed(numbers: Mapping[str, float]) -> str:

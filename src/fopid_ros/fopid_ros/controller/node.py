@@ -10,14 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.context import Context
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from std_srvs.srv import Trigger
 
-from fopid_core.errors import InputError
 from fopid_core.runtime.controller import ControllerState, FopidController
 from fopid_msgs.msg import FopidState
 from fopid_ros.common.diagnostics import (
@@ -28,12 +23,9 @@ from fopid_ros.common.diagnostics import (
 )
 from fopid_ros.common.inputs import Input, is_number
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run
-from fopid_ros.common.parameter_file import write_parameter_file
-from fopid_ros.common.parameters import converted
 from fopid_ros.common.signals import SignalType, header_stamp
 from fopid_ros.controller.cascade import CascadeLink, check_cascade
 from fopid_ros.controller.control_msgs_output import ControlMsgsOutput
-from fopid_ros.controller.gain_memory import GainMemory
 from fopid_ros.controller.inputs import LoopInputs
 from fopid_ros.controller.joints.node import JointsNode, given_dof_names
 from fopid_ros.controller.parameters import (
@@ -51,8 +43,6 @@ from fopid_ros.controller.scheduling import Scheduling, check_scheduled_gains, l
 from fopid_ros.controller.state_message import fill_signals
 from fopid_ros.controller.ticking import TickingNode
 
-TRIAL_LOOK_PERIOD = 0.25  # [s]
-
 
 class ControllerNode(TickingNode):
     """Subscribes setpoint, measurement, feedforward, manual_control and tracking; publishes control and ~/state."""
@@ -61,17 +51,6 @@ class ControllerNode(TickingNode):
     SPECS = SPECS
 
     _parts_known = False
-
-    def __init__(self, context: Context | None = None, namespace: str | None = None) -> None:
-        super().__init__(context, namespace)
-        try:
-            self._memory = GainMemory(self)
-        except InputError:
-            self.destroy_node()
-            raise
-        recalled = self._memory.recalled(self.check)
-        if recalled:
-            super().set_parameters_atomically([Parameter(name, value=value) for name, value in recalled.items()])
 
     def check(self, values: dict[str, Any]) -> None:
         controller_settings(values, signal_types(values)["control"])
@@ -87,7 +66,6 @@ class ControllerNode(TickingNode):
     def open(self, values: dict[str, Any]) -> None:
         self._types = types = signal_types(values)
         self._values = values
-        self._memory.take(values)
         self._controller = FopidController(controller_settings(values, types["control"]))
         self._controller.set_mode(values["mode"])
         self.open_ticks(values)
@@ -122,23 +100,15 @@ class ControllerNode(TickingNode):
 
     def _open_services(self) -> None:
         self.open_mode_services()
-        self.endpoints.service(Trigger, "~/save_gains", self._on_save_gains)
+        self.open_memories()
         self.endpoints.timer(1.0, self._publish_diagnostics, self._steady)
-        self.endpoints.timer(TRIAL_LOOK_PERIOD, self._end_abandoned_trial, self._steady)
 
     # Parameters.
-
-    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """As in any managed node; gains that are set without a provenance lose the one of those before."""
-        changes = {change.name: change.value for change in converted(self._specs, parameter_list)}
-        self._memory.hear_of_trial(changes)
-        whole = self._memory.with_provenance(changes)
-        return super().set_parameters_atomically([Parameter(name, value=value) for name, value in whole.items()])
 
     def apply(self, values: dict[str, Any]) -> None:
         if not self.configured:
             return
-        self._memory.take(values)
+        self.take_gains(values)
         mode_before, gains_before, self._values = self._values["mode"], self._controller.settings.gains, values
         self._scheduling.reconfigure(controller_settings(values, self._types["control"]))
         gains = self._controller.settings.gains
@@ -148,12 +118,6 @@ class ControllerNode(TickingNode):
         if values["mode"] != mode_before:
             self._controller.set_mode(values["mode"])
         self._update_cached_settings()
-
-    def _end_abandoned_trial(self) -> None:
-        """Gains on trial die with their author, as what it adds to the control does."""
-        before = self._memory.before_abandoned_trial(self._values)
-        if before:
-            self.set_parameters_atomically([Parameter(name, value=value) for name, value in before.items()])
 
     def _update_cached_settings(self) -> None:
         self._inputs.take_settings(self._values)
@@ -300,9 +264,7 @@ class ControllerNode(TickingNode):
 
     def _lacks(self) -> list[tuple[bytes, str]]:
         """What the control lacks, in words with their levels."""
-        found = []
-        if self._memory.trouble:
-            found.append((DiagnosticStatus.WARN, f"gains not kept: {self._memory.trouble}"))
+        found = self.memory_problems()
         if not self._active:
             return found
         found += [(DiagnosticStatus.WARN, f"{one.name} stale: {one.without}") for one in self._dropped]
@@ -329,30 +291,9 @@ class ControllerNode(TickingNode):
             "time ran backwards": counts.backward_time_jumps,
             "share of saturated ticks": counts.saturated_ticks / max(1, counts.ticks),
             "last rejected parameter set": self.last_rejected or "none",
-            **self._memory.facts(self._values["gains.status"]),
+            **self.memory_facts(self._values),
             **self._scheduling.facts(),
         }  # fmt: skip
-
-    # Services.
-
-    def _on_save_gains(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        directory, name = self._values["directory"], self._values["gains_file"]
-        if not directory or not name:
-            response.message = (
-                f"directory = {directory!r}, gains_file = {name!r}; allowed: a folder, given at start, and a file in it"
-            )
-            return response
-        if Path(directory, name).resolve().parent != Path(directory).resolve():
-            response.message = f"gains_file = {name!r} is a link out of directory; allowed: a file in it"
-            return response
-        values = {name: parameter.value for name, parameter in self.get_parameters_by_prefix("").items()}
-        try:
-            write_parameter_file(Path(directory, name), self.get_fully_qualified_name(), values)
-        except OSError as error:
-            response.message = f"gains_file = {name!r}: {error.strerror}; nothing was changed"
-            return response
-        response.success, response.message = True, name
-        return response
 
 
 def ask_promptly_for_what_was_missed() -> None:

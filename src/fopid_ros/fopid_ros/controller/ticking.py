@@ -14,13 +14,14 @@ from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
 from fopid_ros.common.diagnostics import TickStatistics
-from fopid_ros.common.managed_node import ManagedNode, loop_qos
+from fopid_ros.common.managed_node import loop_qos
 from fopid_ros.common.signals import SignalType
+from fopid_ros.controller.remembering import RememberingNode
 
 NS = 1_000_000_000
 
 
-class TickingNode(ManagedNode):
+class TickingNode(RememberingNode):
     """A node that controls at each tick: of its timer, or in lockstep of each measurement.
 
     ``open`` calls ``open_ticks`` before anything that needs the time, and sets ``_inputs`` and ``_types``.

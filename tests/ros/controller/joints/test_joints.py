@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
 import random
+import signal
 import subprocess
 from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
 import pytest
@@ -160,3 +163,24 @@ def test_a_bad_start_is_one_line(graph: Graph, parameters: list[str], told: str)
                            capture_output=True, text=True, check=False)  # fmt: skip
     assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
     assert told in ended.stderr
+
+
+def test_a_joints_gains_on_trial_end_with_their_author_and_its_verified_ones_outlive_the_process(
+    graph: Graph, tmp_path: Path
+) -> None:
+    given = {"dof_names": ["shoulder", "elbow"], "gains.shoulder.kp": 1.0, "gains.elbow.kp": 2.0}
+    kept = {**given, "retain": True, "directory": str(tmp_path), "gains_file": "arm.yaml", "trial_timeout": 0.5}
+    process = graph.start(NAME, kept)
+    assert graph.set(NAME, gains__elbow__kp=3.0, gains__elbow__status="verified", gains__elbow__origin="x").successful
+    assert graph.set(NAME, gains__elbow__kp=9.0, gains__elbow__status="trial", gains__elbow__origin="y").successful
+    assert graph.set(NAME, gains__shoulder__kp=4.0).successful  # a person, at another joint meanwhile
+    names = [f"gains.{dof}.{name}" for dof in ("shoulder", "elbow") for name in ("kp", "status", "origin")]
+    before = [4.0, "set", "", 3.0, "verified", "x"]
+    graph.until(lambda: graph.get(NAME, *names) == before, "the gains before the trial", 5.0)
+    assert graph.call(Trigger, f"{NAME}/save_gains").success
+    assert "gains.elbow.kp: 3.0" in (tmp_path / "arm.yaml").read_text()
+
+    os.kill(process.pid, signal.SIGKILL)
+    graph.start(NAME, kept)
+    graph.await_restarted(NAME)
+    assert graph.get(NAME, *names) == before

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -17,16 +18,18 @@ from fopid_msgs.msg import FopidState
 from fopid_ros.common.diagnostics import PublisherConflicts, health_problems
 from fopid_ros.common.inputs import is_number
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, loop_qos
+from fopid_ros.controller.gain_memory import GainMemory
 from fopid_ros.controller.joints.inputs import JointInputs
 from fopid_ros.controller.joints.joint import Joint
 from fopid_ros.controller.joints.parameters import (
     check_dof_names,
+    joint_parameter,
     joint_settings,
     joint_specs,
     refuse_idle_joints,
     signal_types,
 )
-from fopid_ros.controller.parameters import SIGNALS, check_timeouts
+from fopid_ros.controller.parameters import SIGNALS, check_file_name, check_timeouts
 from fopid_ros.controller.ticking import TickingNode
 
 LISTENERS_PERIOD = 0.2
@@ -64,6 +67,10 @@ class JointsNode(TickingNode):
     def check(self, values: dict[str, Any]) -> None:
         joint_settings(values, signal_types(values)["control"])
         check_timeouts(values)
+        check_file_name(values)
+
+    def make_memories(self) -> tuple[GainMemory, ...]:
+        return tuple(GainMemory(self, dof, partial(joint_parameter, dof)) for dof in self.values()["dof_names"])
 
     # What lives from configure to cleanup.
 
@@ -98,6 +105,7 @@ class JointsNode(TickingNode):
         self._heard = [False] * len(self._joints)
         endpoints.timer(LISTENERS_PERIOD, self._look_for_listeners, self._steady)
         self.open_mode_services()
+        self.open_memories()
         self.open_diagnostics()
         endpoints.refuse_unknown_overrides()
 
@@ -109,6 +117,7 @@ class JointsNode(TickingNode):
     def apply(self, values: dict[str, Any]) -> None:
         if not self.configured:
             return
+        self.take_gains(values)
         before, self._values = [one.settings.gains for one in self._bank.controllers], values
         self._bank.reconfigure(joint_settings(values, self._types["control"]))
         for joint, old in zip(self._joints, before, strict=True):
@@ -210,7 +219,7 @@ class JointsNode(TickingNode):
     def health(self) -> tuple[str, list[tuple[bytes, str]], dict[str, object]]:
         since, rates = self._statistics.window(time.monotonic_ns())
         now, counts = self._now(), self._statistics.counts
-        found = self._lacks(now) if self._active else []
+        found = self.memory_problems() + (self._lacks(now) if self._active else [])
         found += health_problems(since, ticking=self._active and not self._lockstep)
         rivalries = self._conflicts.check()
         found += [(one.level, one.text) for one in rivalries]
@@ -224,7 +233,7 @@ class JointsNode(TickingNode):
             "stamps ahead of this clock refused": counts.stamps_ahead,
             "time ran backwards": counts.backward_time_jumps,
             "share of saturated ticks": counts.saturated_ticks / max(1, counts.ticks),
-            "last rejected parameter set": self.last_rejected or "none",
+            "last rejected parameter set": self.last_rejected or "none", **self.memory_facts(self._values),
         }  # fmt: skip
         for joint in self._joints:
             facts[f"age of the {joint.measurement.name} [s]"] = joint.measurement.age(now)

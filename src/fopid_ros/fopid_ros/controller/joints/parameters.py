@@ -12,6 +12,7 @@ from fopid_core.runtime.settings import ControllerSettings
 from fopid_ros.common.array_signals import ArraySignal, array_signal
 from fopid_ros.common.parameters import Spec
 from fopid_ros.controller.parameters import SIGNALS, SPECS, controller_settings
+from fopid_ros.controller.retained import PROVENANCE, check_provenance
 
 OF_A_JOINT = (
     "kp", "ki", "kd", "lam", "mu", "setpoint_rate_max", "deadband", "angle_wraparound", "setpoint_weight",
@@ -19,12 +20,11 @@ OF_A_JOINT = (
     "measurement_filter_time", "control_min", "control_max", "control_rate_max",
     "antiwindup", "tracking_time", "bumpless", "safe_control",
 )  # fmt: skip
-PROVENANCE = ("status", "origin", "certificate")
-"""Of a joint's gains: those of the single controller have the same names without the joint."""
 OF_ALL = (
     "sample_time", "band.low", "band.high", "band.poles", "horizon", "measurement_timeout", "setpoint_timeout",
     "manual_control_timeout", "feedforward_timeout", "tracking_timeout", "tracking.enabled", "on_stale",
-    "clock_skew_max", "on_rivals", "state_rate", "allow_zero_gains", "mode", "trigger",
+    "clock_skew_max", "on_rivals", "state_rate", "allow_zero_gains", "mode", "trigger", "directory", "gains_file",
+    "retain", "trial_timeout",
 )  # fmt: skip
 TRAVELS = {
     **dict.fromkeys(("setpoint", "measurement"), ("sensor_msgs/msg/JointState", "position")),
@@ -48,6 +48,16 @@ def check_dof_names(names: Sequence[str], parameter: str = "dof_names") -> None:
             raise InputError(f"{parameter}[{k}] = {name!r}; allowed: each name once")
 
 
+def joint_parameter(dof: str, name: str) -> str:
+    """What a parameter of the single controller is called here.
+
+    >>> [joint_parameter("elbow", name) for name in ("kp", "gains.status", "mode")]
+    ['gains.elbow.kp', 'gains.elbow.status', 'mode']
+    """
+    own = name in OF_A_JOINT or name in PROVENANCE
+    return f"gains.{dof}.{name.removeprefix('gains.')}" if own else name
+
+
 def joint_specs(names: Sequence[str]) -> tuple[Spec, ...]:
     """The parameters of a controller of these joints."""
     signals = [
@@ -59,9 +69,7 @@ def joint_specs(names: Sequence[str]) -> tuple[Spec, ...]:
         )
     ]  # fmt: skip
     of_joints = [
-        replace(_SINGLE[name], name=f"gains.{dof}.{name.removeprefix('gains.')}")
-        for dof in names
-        for name in (*OF_A_JOINT, *(f"gains.{name}" for name in PROVENANCE))
+        replace(_SINGLE[name], name=joint_parameter(dof, name)) for dof in names for name in (*OF_A_JOINT, *PROVENANCE)
     ]
     return (
         Spec("dof_names", list(names), "the joints, in the order of messages without names", read_only=True),
@@ -87,8 +95,9 @@ def joint_settings(values: dict[str, Any], control: ArraySignal) -> list[Control
     common = {name: values[name] for name in OF_ALL}
     found = []
     for dof in values["dof_names"]:
-        own = {name: values[f"gains.{dof}.{name}"] for name in OF_A_JOINT}
+        own = {name: values[joint_parameter(dof, name)] for name in (*OF_A_JOINT, *PROVENANCE)}
         try:
+            check_provenance(own)
             found.append(controller_settings({**defaults, **common, **own}, control))
         except InputError as error:
             raise InputError(f"gains.{dof}: {error}") from None
