@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
+import json
+from pathlib import Path
+
 import pytest
-from scipy.optimize import differential_evolution
 
-from fopid_core.data import test_batch as published_batch
-from fopid_core.design.time.objectives import Objective
-from fopid_core.design.time.problem import TimeProblem
-from fopid_core.design.time.specification import TimeSpecification
-from fopid_core.design.tuner import TuningRequest, TuningResult, tune
+from fopid_core.design.tuner import TuningResult, tune
 from fopid_core.model.process import Process
-from fopid_core.model.stability import stable_mask
 
-BATCH = published_batch()
+from .batch_campaign import BATCH, RESTRICTIONS, evolved, faults, keys, read, request, summary
+
 SAMPLE = ["P1 T=1.3", "P3 T=0.2", "P4 n=5", "P6 T1=0.7 L1=0.3", "P7 T=5 T1=0.7 L1=0.3", "P8 a=0.8", "P9 T=0.5"]
-RESTRICTIONS = ({"ki": 0.0}, {"kd": 0.0}, {"lam": 1.0, "mu": 1.0}, {"ki": 0.0, "mu": 1.0}, {"kd": 0.0, "lam": 1.0})
 
 
 def tuned(name: str, index: str, ms_max: float, **options: object) -> TuningResult:
-    request = TuningRequest(Process.parse(BATCH[name]), method="time", index=index, ms_max=ms_max, **options)  # type: ignore[arg-type]
-    return tune(request)
+    return tune(request(name, index, ms_max, **options))
 
 
 def test_the_batch_is_that_of_the_paper() -> None:
@@ -53,9 +48,9 @@ def test_neither_a_seed_nor_a_restriction_finds_a_better_optimum(name: str) -> N
         assert all(result.success for result in whole), whole[0].unmet
         costs = [result.cost for result in whole]
         assert max(costs) <= 1.005 * min(costs)
-        for fixed in RESTRICTIONS:
+        for fixed in RESTRICTIONS.values():
             restricted = tuned(name, index, ms_max, fixed=fixed)
-            assert not restricted.success or max(costs) <= restricted.cost * 1.001, fixed
+            assert not restricted.success or max(costs) <= restricted.cost * 1.004, fixed
 
 
 @pytest.mark.slow
@@ -63,31 +58,23 @@ def test_neither_a_seed_nor_a_restriction_finds_a_better_optimum(name: str) -> N
 @pytest.mark.parametrize("name", ["P4 n=5", "P6 T1=0.7 L1=0.3", "P8 a=0.8"])
 def test_a_long_differential_evolution_finds_nothing_better(name: str) -> None:
     """Within 1 %; the same box, bounds and cost, another search."""
-    result = tuned(name, "itae", 1.6, horizon=60.0, u_max=50.0)
-    assert result.cost <= 1.01 * evolved(Process.parse(BATCH[name]), "itae", 1.6, horizon=60.0, u_max=50.0)
+    asked = request(name, "itae", 1.6, horizon=60.0, u_max=50.0)
+    assert tune(asked).cost <= 1.01 * evolved(asked, generations=250)
 
 
-def evolved(process: Process, index: str, ms_max: float, horizon: float, u_max: float, generations: int = 250) -> float:
-    """The best cost that differential evolution finds, gains on a logarithmic scale."""
-    problem = TimeProblem(process, TimeSpecification(Objective.of(index, {}), horizon, ms_max, u_max), density=60)
-    low, high = problem.box.T
-    least = 1e-4 * problem.scale[:3]
-
-    def gains(x: np.ndarray) -> np.ndarray:
-        size = np.exp(x[:3])
-        parts = np.where(size < 2.0 * least[:, None], 0.0, size)
-        return np.clip(np.concatenate([parts, x[3:]]).T, low, high)
-
-    def cost(x: np.ndarray) -> np.ndarray:
-        rows = gains(x)
-        value, slack = problem.cost_and_slack(rows)
-        broken = np.minimum(slack.min(axis=1), 0.0)
-        allowed = stable_mask(process, rows)
-        return np.where(allowed & (broken == 0.0), value, 1e6 * np.where(allowed, 1.0 - broken, 1e3))
-
-    ranges = [*zip(np.log(least), np.log(1e3 * problem.scale[:3]), strict=True), *zip(low[3:], high[3:], strict=True)]
-    found = differential_evolution(
-        cost, ranges, maxiter=generations, popsize=16, tol=1e-8, seed=0, polish=False, vectorized=True,
-        updating="deferred",
-    )  # fmt: skip
-    return float(found.fun)
+def test_the_campaign_names_what_is_wrong(tmp_path: Path) -> None:
+    """One optimum that depends on the seed, one that a restriction beats, one that an evolution beats, one not met."""
+    out = tmp_path / "rows.jsonl"
+    wrong = {"P4 n=7": ("ki=0", 0.99), "P3 T=10": ("seed 1", 0.994), "P2 T=20": ("evolution", 0.98)}
+    rows = []
+    for key in keys():
+        variant, other = wrong.get(key[0], ("", 1.0))
+        cost = other if key[3] == variant else 1.0
+        met = key[:4] != ("P9 T=0.5", "iae", 1.4, "seed 2")
+        rows.append({"key": key, "cost": cost, "seconds": 1.0, "success": met, "unmet": ["max"], "at_edge": []})
+    out.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
+    told = list(faults(read(out)))
+    assert len(rows) == 134 * 4 * 8 + 32
+    assert [sum(name in text for text in told) for name in (*wrong, "P9 T=0.5")] == [4, 4, 1, 1]
+    assert len(told) == 10
+    assert f"{134 * 4 * 3} tunings" in summary(read(out))

@@ -13,7 +13,7 @@ from fopid_core.design.specification import NUMBERS, STRUCTURES
 from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.tuning import TimeDesign
 
-EQUAL = 0.01
+EQUAL = 0.003
 """Designs whose costs differ by no more, relative, are taken for equally good."""
 HOPEFUL = 0.02
 """How far off the rough optimum of a simpler structure may be for it to be worth a search of its own."""
