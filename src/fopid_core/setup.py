@@ -23,6 +23,7 @@ EXTRAS = {
     "campaigns": ["distributed", "pyarrow>=20", YAML],
     "control": ["control>=0.10"],
     "certify": ["python-flint"],
+    "explore": ["tornado>=6.4,<7"],
     "benchmark": ["control>=0.10", "pyarrow>=20", "simple-pid"],
     "test": ["hypothesis", "mpmath", "pytest"],
 }
@@ -34,7 +35,11 @@ setup(
     license=manifest.findtext("license"),
     python_requires=">=3.11",
     packages=find_packages(include=[name, f"{name}.*"]),
-    package_data={"": ["*.lark", "*.json", "*.yaml", "*.html", "*.css", "*.js", "*.h", "*.c", "py.typed"]},
+    package_data={
+        "": ["*.lark", "*.json", "*.yaml", "*.html", "*.css", "*.js", "*.h", "*.c", "py.typed"],
+        f"{name}.study.page": ["static/*.*", "static/uplot/*"],
+        f"{name}.study.explore": ["static/*.*"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),

@@ -52,7 +52,7 @@ setup(
     license=manifest.findtext("license"),
     python_requires=">=3.11",
     packages=find_packages(include=[name, f"{name}.*"]),
-    package_data={"": ["py.typed", "*.yaml", "*.xml"], f"{name}.dashboard": ["static/*.*", "static/uplot/*"]},
+    package_data={"": ["py.typed", "*.yaml", "*.xml"], f"{name}.dashboard": ["static/*.*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
@@ -62,7 +62,13 @@ setup(
     ],
     zip_safe=False,
     # What comes with ROS 2 (rclpy, the messages) is in package.xml.
-    install_requires=["fopid_core[experiments]", "numpy>=1.26,<3", "pyyaml>=6.0,<7", "rich>=13.7", "tornado>=6.4,<7"],
+    install_requires=[
+        "fopid_core[experiments,explore]",
+        "numpy>=1.26,<3",
+        "pyyaml>=6.0,<7",
+        "rich>=13.7",
+        "tornado>=6.4,<7",
+    ],
     extras_require={"bags": ["fopid_core[bags,plots]"], "test": ["pytest"]},
     entry_points={
         "console_scripts": [f"{executable} = {name}.{module}:main" for executable, module in EXECUTABLES.items()]

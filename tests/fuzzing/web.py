@@ -14,8 +14,9 @@ from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 
 import fopid_ros.dashboard.node
-from fopid_ros.dashboard.access import Access
-from fopid_ros.dashboard.web import LARGEST_REQUEST, application
+from fopid_core.study.page.access import Access
+from fopid_core.study.page.listening import LARGEST_REQUEST
+from fopid_ros.dashboard.web import application
 
 from ..ros.conftest import own_domain
 

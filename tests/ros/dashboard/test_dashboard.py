@@ -64,7 +64,7 @@ def wait_for(dashboard: Dashboard, *names: str) -> None:
 
 def test_the_page_needs_nothing_from_elsewhere_and_says_so(shared: tuple[Graph, Dashboard]) -> None:
     _, dashboard = shared
-    for path in ("/", "/main.js", "/dashboard.css", "/report_page.css", "/uplot/uPlot.iife.min.js"):
+    for path in ("/", "/main.js", "/page/page.css", "/page/report_page.css", "/page/uplot/uPlot.iife.min.js"):
         status, text, headers = dashboard.request("GET", path)
         assert status == 200, path
         assert "default-src 'none'" in headers["Content-Security-Policy"]

@@ -49,7 +49,7 @@ def test_what_cannot_be_read_is_answered_with_400(alone: tuple[Graph, Dashboard]
         status, message = dashboard.ask(what, body)
         assert (status, told in message) == (400, True), (body[:40] if isinstance(body, str) else body, status, message)
         assert len(message) < 300
-    for path in ("/%00", "/main.js%00", "/%0a", "/uplot/%00"):
+    for path in ("/%00", "/main.js%00", "/%0a", "/page/uplot/%00"):
         assert dashboard.request("GET", path)[0] == 400, path
     for origin in ("http://[", "http://[::1", "http://[v1.x"):
         assert dashboard.request("GET", "/", headers={"Origin": origin})[0] == 400

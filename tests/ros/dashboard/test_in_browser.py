@@ -14,8 +14,8 @@ from fopid_core.model.margins import margins
 from fopid_core.model.process import read_process
 from fopid_msgs.msg import FopidState
 
+from ...chromium import NEEDS_BROWSER, Browser, Page
 from ..conftest import Graph, own_domain
-from .browser import NEEDS_BROWSER, Browser, Page
 from .live_page import Dashboard
 
 pytestmark = NEEDS_BROWSER

@@ -13,14 +13,12 @@ from hypothesis import strategies as st
 from rclpy.task import Future
 
 from fopid_core.errors import InputError
-from fopid_ros.dashboard.access import Access, chosen_token
 from fopid_ros.dashboard.history import Cursor, History, thinned
-from fopid_ros.dashboard.main import listening_sockets, page_address
 from fopid_ros.dashboard.node import tuning_request
 from fopid_ros.dashboard.remote_parameters import RefusedError, answer
 from fopid_ros.dashboard.undo import Undo
 
-MODULES = ("access", "history", "main", "node", "remote_parameters", "undo", "web")
+MODULES = ("history", "main", "node", "remote_parameters", "undo", "web")
 derandomized = settings(derandomize=True, deadline=None, max_examples=60)
 values = st.floats(-1e6, 1e6) | st.just(math.nan)
 
@@ -120,46 +118,6 @@ def test_of_two_rows_of_one_instant_the_later_one_is_kept() -> None:
     assert [row[1] for row in history.since(Cursor())[0]] == [0.0, 3.0, 2.0]
 
 
-@pytest.mark.parametrize(
-    ("host", "known"),
-    [
-        ("127.0.0.1:8077", True), ("localhost:8077", True), ("[::1]:8077", True), ("192.168.1.7", True),
-        ("bench7:8077", True), ("BENCH7", True), ("evil.example:8077", False), ("127.0.0.1.evil.example", False),
-        ("localhost.evil.example", False), ("", False), ("[::1", False),
-    ],
-)  # fmt: skip
-def test_only_names_of_this_server_are_known(host: str, known: bool) -> None:
-    assert Access("x" * 20, frozenset({"bench7"})).knows_host(host) is known
-
-
-@pytest.mark.parametrize(
-    ("origin", "known"),
-    [
-        (None, True), ("http://127.0.0.1:8077", True), ("https://127.0.0.1:8077", True),
-        ("http://127.0.0.1:8078", False), ("http://evil.example", False), ("null", False), ("", False),
-        ("file://", False), ("ftp://127.0.0.1:8077", False), ("http://127.0.0.1:8077.evil.example", False),
-    ],
-)  # fmt: skip
-def test_only_our_own_page_may_ask(origin: str | None, known: bool) -> None:
-    assert Access("x" * 20).knows_origin(origin, "127.0.0.1:8077") is known
-
-
-@pytest.mark.parametrize("shown", ["", "Bearer ", "Bearer wrong", "Basic the-right-token!", "Bearer the-right-token! "])
-def test_only_the_token_allows_a_change(shown: str) -> None:
-    access = Access("the-right-token!")
-    assert not access.allows_change(shown)
-    assert access.allows_change("Bearer the-right-token!")
-    assert "the-right-token!" not in repr(access)
-
-
-def test_tokens_are_random_or_long_enough() -> None:
-    assert chosen_token(None) != chosen_token(None)
-    assert chosen_token("sixteen letters!") == "sixteen letters!"
-    for bad in ("", "short", "x" * 15, "ä" * 20, "new\nline in a token"):
-        with pytest.raises(InputError, match="FOPID_DASHBOARD_TOKEN has"):
-            chosen_token(bad)
-
-
 @derandomized
 @given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=20, unique=True))
 def test_going_back_again_and_again_passes_all_gains_in_reverse(kps: list[float]) -> None:
@@ -210,14 +168,3 @@ def test_fields_of_a_tuning_are_checked(fields: dict, named: str) -> None:
     with pytest.raises(InputError) as told:
         tuning_request(fields)
     assert named in str(told.value)
-
-
-def test_addresses_are_ones_a_browser_can_open() -> None:
-    assert page_address("0.0.0.0", 80, None) == "http://127.0.0.1:80/"
-    assert page_address("::1", 8077, "t") == "http://[::1]:8077/#token=t"
-
-
-@pytest.mark.parametrize(("host", "port"), [("127.0.0.1", 65536), ("127.0.0.1", -1), ("203.0.113.7", 0)])
-def test_places_that_cannot_be_listened_at_are_named(host: str, port: int) -> None:
-    with pytest.raises(InputError, match=rf"port = {port}"):
-        listening_sockets(host, port)

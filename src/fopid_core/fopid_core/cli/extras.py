@@ -16,6 +16,7 @@ EXTRA = {
     "pyarrow": "campaigns",
     "control": "control",
     "flint": "certify",
+    "tornado": "explore",
     "simple_pid": "benchmark",
 }
 """Module -> the extra of ``fopid_core`` that brings it."""

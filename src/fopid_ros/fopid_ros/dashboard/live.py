@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from fopid_ros.dashboard.guarded import Guarded
+from fopid_core.study.page.guarded import Guarded
 from fopid_ros.dashboard.history import Cursor, Row
 from fopid_ros.dashboard.node import KEPT_ROWS, DashboardNode
 

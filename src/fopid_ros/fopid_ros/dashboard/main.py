@@ -18,21 +18,19 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from tornado.httpserver import HTTPServer
-from tornado.netutil import bind_sockets
 
 from fopid_core.errors import InputError
+from fopid_core.study.page.access import Access, chosen_token
+from fopid_core.study.page.listening import http_server, listening_sockets, page_address
 from fopid_ros.common.managed_node import check_domain
 from fopid_ros.common.shared_memory import remove_abandoned_segments
-from fopid_ros.dashboard.access import Access, chosen_token
 from fopid_ros.dashboard.live import PERIOD, close_browsers
 from fopid_ros.dashboard.node import SPECS, DashboardNode
-from fopid_ros.dashboard.web import LARGEST_REQUEST, application
+from fopid_ros.dashboard.web import application
 
 TOKEN_VARIABLE = "FOPID_DASHBOARD_TOKEN"
 DEFAULT_PORT = 8077
-IDLE_TIME = 30.0  # [s] for which a connection may be silent between requests, and within one
 SLICE = 0.02  # [s] between two looks at what ROS has brought
-EVERYWHERE = ("", "0.0.0.0", "::")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -47,38 +45,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (127.0.0.1: this machine only)")
     parser.add_argument("--port", type=int, default=DEFAULT_PORT, help=f"port; 0 chooses a free one ({DEFAULT_PORT})")
     return parser
-
-
-def listening_sockets(host: str, port: int) -> list[socket.socket]:
-    """Sockets that listen.
-
-    Raises
-    ------
-    InputError
-        If the port is taken, or the host is no address of this machine.
-    """
-    if not 0 <= port <= 65535:
-        raise InputError(f"port = {port}; allowed: 0 to 65535")
-    try:
-        return bind_sockets(port, host)
-    except socket.gaierror as error:
-        raise InputError(f"host = {host!r}: {error.strerror}; allowed: an address of this machine") from None
-    except OSError as error:
-        raise InputError(
-            f"host = {host!r}, port = {port}: {error.strerror}; allowed: a free port of this machine, 0 to choose one"
-        ) from None
-
-
-def page_address(host: str, port: int, token: str | None) -> str:
-    """The page's address; the token stands where browsers do not send it.
-
-    Examples
-    --------
-    >>> page_address("127.0.0.1", 8077, "a-secret")
-    'http://127.0.0.1:8077/#token=a-secret'
-    """
-    name = "127.0.0.1" if host in EVERYWHERE else f"[{host}]" if ":" in host else host
-    return f"http://{name}:{port}/{f'#token={token}' if token else ''}"
 
 
 async def _spin(executor: Executor) -> None:
@@ -122,9 +88,7 @@ def _serve_node(host: str, port: int, given: str | None, ros_arguments: list[str
     rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
     node = DashboardNode()
     names = frozenset({host.lower(), socket.gethostname().lower()})
-    server = HTTPServer(application(node, Access(token, names)), max_body_size=LARGEST_REQUEST,
-                        max_header_size=LARGEST_REQUEST, idle_connection_timeout=IDLE_TIME,
-                        body_timeout=IDLE_TIME)  # fmt: skip
+    server = http_server(application(node, Access(token, names)))
     print(f"dashboard  {page_address(host, sockets[0].getsockname()[1], None if given else token)}", flush=True)
     if given:
         print(f"add #token= and what {TOKEN_VARIABLE} holds to change anything", flush=True)

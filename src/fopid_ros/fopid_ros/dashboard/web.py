@@ -6,34 +6,24 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Awaitable, Callable, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from tornado.httputil import HTTPServerRequest
-from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
+from tornado.web import Application, RequestHandler
 
 from fopid_core.errors import InputError
-from fopid_ros.dashboard.access import Access
-from fopid_ros.dashboard.guarded import Guarded
+from fopid_core.study.page.access import Access
+from fopid_core.study.page.files import FileHandler, shared_files
+from fopid_core.study.page.guarded import Guarded, json_object
+from fopid_core.study.page.listening import LARGEST_REQUEST
 from fopid_ros.dashboard.live import PING_PERIOD, LiveHandler
 from fopid_ros.dashboard.node import DashboardNode
 from fopid_ros.dashboard.remote_parameters import RefusedError
 
-LARGEST_REQUEST = 20_000  # bytes
-
 Change = Callable[[Mapping[str, Any]], Awaitable[str]]
-
-
-class FileHandler(Guarded, StaticFileHandler):
-    """A file of the page."""
-
-    async def get(self, path: str, include_body: bool = True) -> None:
-        if not path.isprintable():
-            raise HTTPError(400, reason="Bad Path")
-        await super().get(path, include_body)
 
 
 class ChangeHandler(Guarded):
@@ -51,7 +41,7 @@ class ChangeHandler(Guarded):
 
     async def _change(self, change: Change) -> None:
         try:
-            self._answer(200, await change(_object(self.request.body)))
+            self._answer(200, await change(json_object(self.request.body)))
         except InputError as error:
             self._answer(400, str(error))
         except RefusedError as error:
@@ -60,16 +50,6 @@ class ChangeHandler(Guarded):
     def _answer(self, status: int, message: str) -> None:
         self.set_status(status)
         self.write({"message": message})
-
-
-def _object(body: bytes) -> Mapping[str, Any]:
-    try:
-        value = json.loads(body or b"{}")
-    except (ValueError, RecursionError):
-        value = None
-    if not isinstance(value, dict):
-        raise InputError("the request's body; allowed: a JSON object")
-    return value
 
 
 def application(node: DashboardNode, access: Access) -> Application:
@@ -97,12 +77,11 @@ def application(node: DashboardNode, access: Access) -> Application:
         node.get_logger().debug(f"{handler.get_status()} {request.method} {request.path} {request.remote_ip}")
 
     static = Path(str(resources.files("fopid_ros.dashboard"))) / "static"
-    report = Path(str(resources.files("fopid_core.study.reports")))
     return Application(
         [
             (r"/live", LiveHandler),
             (r"/api/(\w+)", ChangeHandler),
-            (r"/(report_page\.css)", FileHandler, {"path": report}),
+            *shared_files(),
             (r"/(.*)", FileHandler, {"path": static, "default_filename": "index.html"}),
         ],
         access=access,

@@ -1,8 +1,10 @@
 // The page: shows what the server tells, and asks it for what the person wants.
 
-import * as gains from "./gains.js";
-import { ask, connect } from "./live.js";
-import * as plots from "./plots.js";
+import { connect } from "./live.js";
+import { ask } from "./page/ask.js";
+import { digits } from "./page/chart.js";
+import * as gains from "./page/gains.js";
+import * as plots from "./page/plots.js";
 import { showDefaults, showMethod, showProgress, showResult, tuningFields } from "./tuning.js";
 
 const SILENT_AFTER = 1500;  // [ms]
@@ -90,11 +92,11 @@ function showStatus(status) {
 function showNow({ facts }) {
   const [, setpoint, measurement, control] = plots.latest();
   Object.entries({ setpoint, measurement, control }).forEach(([name, value]) => {
-    at(`now-${name}`).textContent = plots.digits(value);
+    at(`now-${name}`).textContent = digits(value);
   });
   if (!facts) return;
   at("now-saturated").textContent = facts.saturated ? "yes" : "no";
-  at("now-interval").textContent = facts.interval === null ? "–" : `${plots.digits(facts.interval * 1000)} ms`;
+  at("now-interval").textContent = facts.interval === null ? "–" : `${digits(facts.interval * 1000)} ms`;
   at("now-overruns").textContent = facts.overruns.toLocaleString("en");
 }
 

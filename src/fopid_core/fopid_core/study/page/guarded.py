@@ -1,13 +1,15 @@
-"""What every answer of the dashboard's server has in common: who is let in, and the headers."""
+"""What every answer of a page's server has in common: who is let in, and the headers."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from typing import Any
 
 from tornado.web import HTTPError, RequestHandler
 
 from fopid_core.errors import InputError
-from fopid_ros.dashboard.access import Access
+from fopid_core.study.page.access import Access
 
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -45,3 +47,25 @@ class Guarded(RequestHandler):
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         self.finish({"message": self._reason})
+
+
+def json_object(body: bytes) -> Mapping[str, Any]:
+    """The JSON object that a request's body holds, ``{}`` for an empty one.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+
+    Examples
+    --------
+    >>> json_object(b'{"kp": 1}')
+    {'kp': 1}
+    """
+    try:
+        value = json.loads(body or b"{}")
+    except (ValueError, RecursionError):
+        value = None
+    if not isinstance(value, dict):
+        raise InputError("the request's body; allowed: a JSON object")
+    return value

@@ -1,11 +1,11 @@
 // The three plots and the rows they draw. A row is [time, setpoint, measurement, control, P, I, D].
 
+import { axis, BLUE, digits, GREEN, GREY, range, RED, VIOLET } from "./chart.js";
+
 const COLUMNS = 7;
 const LONGEST = 300;  // [s] kept
 const MOST_ROWS = 60000;
 const HEIGHT = 210;
-// As in the report: each stands out on white and on black alike.
-const GREY = "#86909b", BLUE = "#2f7fc1", GREEN = "#2b9a66", VIOLET = "#8e6bbf", RED = "#d1582a";
 
 const PLOTS = [
   { place: "plot-loop", series: [[1, "setpoint", GREY], [2, "measurement", BLUE]] },
@@ -15,21 +15,6 @@ const PLOTS = [
 
 const rows = Array.from({ length: COLUMNS }, () => []);
 let plots = [], marks = [], seconds = 30, paused = false, waiting = false;
-
-export function digits(value) {
-  return value === null || value === undefined ? "–" : Number(value.toPrecision(5)).toString();
-}
-
-function colour(name) {
-  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-}
-
-function axis(more) {
-  return {
-    stroke: colour("--quiet"), font: `12px ${getComputedStyle(document.body).fontFamily}`,
-    grid: { stroke: colour("--rule"), width: 1 }, ticks: { stroke: colour("--rule"), width: 1, size: 5 }, ...more,
-  };
-}
 
 function drawMarks(plot) {
   const { ctx, bbox, scales } = plot;
@@ -45,13 +30,6 @@ function drawMarks(plot) {
   }
   ctx.stroke();
   ctx.restore();
-}
-
-// Some room above and below; a level signal gets a scale, too.
-function range(plot, low, high) {
-  if (low === null || high === null) return [0, 1];
-  const room = (high - low) * 0.08 || Math.abs(high) * 0.1 || 1;
-  return [low - room, high + room];
 }
 
 function make({ place, series }, last) {
