@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 
 from fopid_core.errors import InputError
 from fopid_ros.controller.parameters import SPECS
-from fopid_ros.controller.retained import Retained, Retainer, _checksum, decoded, encoded, file_name
+from fopid_ros.controller.retained import DESIGN, Retained, Retainer, _checksum, decoded, encoded, file_name
 
 from ..conftest import Graph, only_line
 
@@ -89,8 +89,8 @@ def signed(**changes: object) -> bytes:
         (b"\xff\xfe{}", "no JSON"),
         (signed(node="/other"), "it is of '/other'; allowed: of '/fopid_controller'"),
         (signed(gains={"kp": 1.0}), "gains in it"),
-        (signed(gains=dict.fromkeys(("kp", "ki", "kd", "lam", "mu"), "1")), "kp in it; allowed: a number"),
-        (signed(gains=dict.fromkeys(("kp", "ki", "kd", "lam", "mu"), True)), "kp in it; allowed: a number"),
+        (signed(gains=dict.fromkeys(DESIGN, "1")), "kp in it; allowed: a number"),
+        (signed(gains=dict.fromkeys(DESIGN, True)), "kp in it; allowed: a number"),
         (signed(origin="two\nlines"), "origin in it"),
         (signed(origin="\x1b[2J"), "origin in it"),
         (signed(origin="\ud800"), "origin in it"),

@@ -5,26 +5,31 @@ from __future__ import annotations
 import json
 import math
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.action import ActionClient
 
 from fopid_core.design.certificate.checker import check
+from fopid_core.design.specification import STRUCTURES
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
 from fopid_core.model.process import read_process
+from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.controller import ControllerSettings, FopidController
 from fopid_msgs.action import Autotune
 from fopid_msgs.msg import TuningResult
-from fopid_msgs.srv import Reduce, Tune
+from fopid_msgs.srv import Compare, Reduce, Tune
 from fopid_ros.common.managed_node import latched_qos
 
 from ..conftest import Graph, LockstepLoop, own_domain
 
 PI = {"kp": 0.68, "ki": 0.29}
 GAINS = ("kp", "ki", "kd", "lam", "mu")
+FILTER = ("measurement_filter_order", "measurement_filter_time")
+WEIGHTS = ("setpoint_weight", "derivative_setpoint_weight")
 
 
 def start_tuner(graph: Graph, **parameters: object) -> None:
@@ -74,9 +79,86 @@ def test_time_tuning_keeps_its_bound_on_ms(graph: Graph) -> None:
     assert margins(loop).ms <= 1.6 * (1 + 1e-6)
 
 
+@pytest.mark.slow
+def test_a_joint_design_is_applied_with_its_filter_and_weights_at_once(graph: Graph) -> None:
+    graph.start("fopid_controller", PI)
+    start_tuner(graph)
+    events = graph.listen(ParameterEvent, "/parameter_events")
+    results = graph.listen(TuningResult, "fopid_tuner/result", latched_qos())
+    request = Tune.Request(
+        method="time",
+        index="iae",
+        input="both",
+        structure="pid",
+        mt_max=1.3,
+        noise_max=10.0,
+        filter_order=2,
+        apply=True,
+    )
+    answer = graph.call(Tune, "fopid_tuner/tune", request)
+    assert answer.applied, answer.message
+    assert answer.structure == "pid"
+    names = (*GAINS, *FILTER, *WEIGHTS)
+    *gains, order, time, b, c = graph.get("fopid_controller", *names)
+    told = answer.two_degrees
+    assert [order, time, b, c] == [getattr(told, name) for name in (*FILTER, *WEIGHTS)]
+    assert order == 2
+    assert time > 0.0
+    loop = Loop(read_process("P1"), Fopid(*gains), MeasurementFilter(order, time), SetpointWeights(b, c))
+    w = np.geomspace(1e-4, math.pi / 0.01, 200_000)
+    opened = loop(1j * w)
+    assert np.abs(1.0 / (1.0 + opened)).max() == pytest.approx(answer.achieved.ms, rel=1e-5)
+    assert np.abs(opened / (1.0 + opened)).max() <= 1.3 * (1.0 + 1e-5)
+    noise = np.abs(opened / loop.process(1j * w) / (1.0 + opened)).max()
+    assert noise <= 10.0 * (1.0 + 1e-5)
+    assert answer.achieved.noise_gain == pytest.approx(noise, rel=1e-4)
+    assert answer.achieved.running_stable
+    graph.until(lambda: any(e.changed_parameters for e in events if e.node == "/fopid_controller"), "the event")
+    (event,) = [e for e in events if e.node == "/fopid_controller" and e.changed_parameters]
+    assert {"kp", *FILTER} <= {changed.name for changed in event.changed_parameters}, "one change for all of it"
+
+    # A design without a filter was verified without one: it takes the filter away, and says so.
+    plain = graph.call(Tune, "fopid_tuner/tune", Tune.Request(phase_margin=1.2, crossover=0.4, apply=True))
+    assert plain.applied, plain.message
+    assert "now passes no filter" in plain.message
+    assert graph.get("fopid_controller", *FILTER, *WEIGHTS) == [0, 0.0, b, c], "the weights are not in the loop"
+    graph.until(lambda: len(results) == 2, "both results")
+    assert results[1].previous_two_degrees == results[0].two_degrees == told
+
+
+@pytest.mark.slow
+def test_compare_tells_every_design_and_which_to_take(graph: Graph) -> None:
+    graph.start("fopid_controller", PI)
+    start_tuner(graph)
+    before = graph.get("fopid_controller", *GAINS)
+    answer = graph.call(Compare, "fopid_tuner/compare", Compare.Request(process="2/(3s+1)*exp(-0.5s)", ms_max=1.5), 120)
+    assert answer.success, answer.message
+    taken = answer.rows[answer.recommended]
+    assert taken.within
+    assert taken.structure in answer.message
+    assert {row.structure for row in answer.rows if row.method == "time iae"} == set(STRUCTURES)
+    for row in answer.rows:
+        assert row.ms <= 1.5 * (1.0 + 1e-6) or not row.within
+    process = read_process("2/(3s+1)*exp(-0.5s)")
+    filtered = MeasurementFilter(taken.two_degrees.measurement_filter_order, taken.two_degrees.measurement_filter_time)
+    loop = Loop(process, Fopid(*(getattr(taken.gains, name) for name in GAINS)), filtered)
+    w = np.geomspace(1e-4, 1e4, 100_000)
+    assert np.abs(1.0 / (1.0 + loop(1j * w))).max() == pytest.approx(taken.ms, rel=1e-5)
+    assert graph.get("fopid_controller", *GAINS) == before
+    refused = graph.call(Compare, "fopid_tuner/compare", Compare.Request(prefer="cheap"))
+    assert "'cheap'" in refused.message
+    assert refused.recommended == -1
+
+
 @pytest.mark.parametrize(
     ("fields", "named"),
     [
+        ({"method": "time", "structure": "pidd"}, "'pidd'"),
+        ({"method": "time", "input": "noise"}, "'noise'"),
+        ({"method": "time", "filter_order": 3}, "filter_order = 3"),
+        ({"method": "time", "mt_max": -1.0}, "mt_max = -1.0"),
+        ({"method": "time", "noise_max": math.nan}, "noise_max = nan"),
+        ({"method": "time", "setpoint_weights": "some"}, "'some'"),
         ({"method": "frequency", "crossover": -1.0}, "crossover = -1.0"),
         ({"method": "frequency", "crossover": math.nan}, "crossover = nan"),
         ({"method": "frequency", "phase_margin": 4.0}, "phase_margin = 4.0"),

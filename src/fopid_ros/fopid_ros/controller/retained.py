@@ -21,6 +21,7 @@ from typing import Any
 
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.two_degrees import MeasurementFilter
 from fopid_ros.common.parameter_file import sync_folder
 
 LARGEST_FILE = 65_536  # bytes
@@ -29,9 +30,12 @@ WAIT_FOR_DISK = 0.05
 """The loop stands still no longer than this [s] until the file is written; a disk that is slower is told of."""
 
 GAINS = ("kp", "ki", "kd", "lam", "mu")
-BASIS = ("sample_time", "band.low", "band.high", "band.poles", "horizon", "derivative_filter_time",
-         "measurement_filter_order", "measurement_filter_time")  # fmt: skip
-"""Parameters that make the same five numbers another controller."""
+LOOP = (*GAINS, "measurement_filter_order", "measurement_filter_time")
+"""Parameters of a design that are in the loop: what is known of one is not known of another."""
+DESIGN = (*LOOP, "setpoint_weight", "derivative_setpoint_weight")
+"""What is set together, kept together and taken back together."""
+BASIS = ("sample_time", "band.low", "band.high", "band.poles", "horizon", "derivative_filter_time")
+"""Parameters that make the same design another controller."""
 WHOLE = ("band.poles", "measurement_filter_order")
 """Those of them that are whole numbers."""
 
@@ -49,7 +53,7 @@ class Retained:
     node : str
         Full name of the controller.
     gains : mapping
-        kp, ki, kd, lam, mu.
+        kp, ki, kd, lam, mu, and the rest of ``DESIGN``.
     status : str
         ``set`` or ``verified``.
     origin : str
@@ -73,7 +77,7 @@ class Retained:
     @classmethod
     def of(cls, node: str, values: Mapping[str, Any]) -> Retained:
         """What a node with these parameters has now."""
-        gains = {name: values[name] for name in GAINS}
+        gains = {name: values[name] for name in DESIGN}
         when = datetime.now(UTC).isoformat(timespec="seconds")
         basis = {name: values[name] for name in BASIS}
         return cls(node, gains, *(values[name] for name in PROVENANCE), when, basis)
@@ -86,13 +90,14 @@ class Retained:
     @property
     def text(self) -> str:
         """The gains as a formula."""
-        return str(Fopid(**self.gains))
+        filtered = MeasurementFilter(*(self.gains[name] for name in LOOP[5:]))
+        return f"{Fopid(*(self.gains[name] for name in GAINS))}{'' if filtered.is_idle else f' behind a {filtered}'}"
 
     def __str__(self) -> str:
         """As a person reads it.
 
-        >>> print(Retained("/c", {"kp": 2.0, "ki": 0.5, "kd": 0.0, "lam": 1.0, "mu": 1.0}, "verified", "fopid_tuner",
-        ...                "", "2026-01-31T12:00:00+00:00", {}))
+        >>> design = dict(zip(DESIGN, (2.0, 0.5, 0.0, 1.0, 1.0, 0, 0.0, 1.0, 1.0)))
+        >>> print(Retained("/c", design, "verified", "fopid_tuner", "", "2026-01-31T12:00:00+00:00", {}))
         2 + 0.5 s^-1 + 0 s^1, verified, from 'fopid_tuner' at 2026-01-31T12:00:00+00:00
         """
         status = "verified" if self.status == "verified" else "not verified"
@@ -102,22 +107,23 @@ class Retained:
 def with_provenance(
     changes: Mapping[str, Any], present: Mapping[str, Any], known: Retained | None
 ) -> dict[str, Any]:  # fmt: skip
-    """Changes of parameters, with what is known of the gains in them when it is not said.
+    """Changes of parameters, with what is known of the loop with them when it is not said.
 
-    Gains that were in force before keep their provenance when they come back.
+    Gains that were in force before, behind the same filter, keep their provenance when they come back.
 
     Examples
     --------
-    >>> present = {"kp": 1.0, "ki": 0.0, "kd": 0.0, "lam": 1.0, "mu": 1.0, **PROVENANCE, "gains.status": "verified"}
+    >>> present = dict(zip(LOOP, (1.0, 0.0, 0.0, 1.0, 1.0, 0, 0.0))) | PROVENANCE | {"gains.status": "verified"}
     >>> with_provenance({"kp": 2.0}, present, None)
     {'gains.status': 'set', 'kp': 2.0}
     >>> with_provenance({"kp": 1.0}, present, None)
     {'kp': 1.0}
     """
-    after = {name: changes.get(name, present[name]) for name in GAINS}
-    if all(after[name] == present[name] for name in GAINS):
+    after = {name: changes.get(name, present[name]) for name in LOOP}
+    if all(after[name] == present[name] for name in LOOP):
         return dict(changes)
-    told = known.parameters if known is not None and after == known.gains else PROVENANCE
+    is_known = known is not None and all(after[name] == known.gains[name] for name in LOOP)
+    told = known.parameters if known is not None and is_known else PROVENANCE
     if "gains.status" in changes:
         told = PROVENANCE
     news = {name: told[name] for name in PROVENANCE if told[name] != present[name]}
@@ -156,7 +162,7 @@ def decoded(data: bytes, node: str) -> Retained:
     Examples
     --------
     >>> basis = dict.fromkeys(BASIS, 0.0)
-    >>> kept = Retained("/c", dict.fromkeys(("kp", "ki", "kd", "lam", "mu"), 1.0), "set", "", "", "now", basis)
+    >>> kept = Retained("/c", dict.fromkeys(DESIGN, 1.0), "set", "", "", "now", basis)
     >>> decoded(encoded(kept), "/c") == kept
     True
     """
@@ -190,7 +196,7 @@ def _check(content: Mapping[str, Any]) -> None:
             raise InputError(f"{name} in it; allowed: up to {length} printable characters")
     if content["status"] not in ("set", "verified"):
         raise InputError(f"status = {content['status']!r} in it; allowed: set, verified")
-    for name, wanted in (("gains", GAINS), ("basis", BASIS)):
+    for name, wanted in (("gains", DESIGN), ("basis", BASIS)):
         numbers = content[name]
         if not isinstance(numbers, dict) or set(numbers) != set(wanted):
             raise InputError(f"{name} in it; allowed: {', '.join(wanted)}")

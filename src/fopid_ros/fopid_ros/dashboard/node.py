@@ -32,6 +32,9 @@ from fopid_ros.dashboard.remote_parameters import LOOK_AGAIN, RefusedError, Remo
 from fopid_ros.dashboard.undo import Undo
 
 GAINS = ("kp", "ki", "kd", "lam", "mu")
+DESIGN = (*GAINS, "measurement_filter_order", "measurement_filter_time", "setpoint_weight",
+          "derivative_setpoint_weight")  # fmt: skip
+"""What a tuning may change: undone together."""
 TUNER_DEFAULTS = ("process", "method", "phase_margin", "crossover", "index", "ms_max", "u_max")
 TUNING_FIELDS = (*TUNER_DEFAULTS, "apply")
 SUBSCRIBED = ("setpoint", "measurement", "control")
@@ -84,7 +87,7 @@ class DashboardNode(GuardedNode, Node):
         self._result: dict[str, Any] | None = None
         self._tuning_since: float | None = None
         names = {name: self.get_parameter(name).value for name in ("controller", "tuner")}
-        self.controller = RemoteParameters(self, names["controller"], (*GAINS, "mode"), self._on_parameters)
+        self.controller = RemoteParameters(self, names["controller"], (*DESIGN, "mode"), self._on_parameters)
         self.tuner = RemoteParameters(self, names["tuner"], TUNER_DEFAULTS)
         self._tune = self.create_client(Tune, f"{names['tuner']}/tune")
         self.create_subscription(FopidState, f"{names['controller']}/state", self._on_state, LISTENING)
@@ -158,7 +161,7 @@ class DashboardNode(GuardedNode, Node):
         return heard
 
     def _on_parameters(self, values: Mapping[str, Any]) -> None:
-        self._undo.record({name: values[name] for name in GAINS if name in values})
+        self._undo.record({name: values[name] for name in DESIGN if name in values})
 
     def _on_result(self, result: TuningResult) -> None:
         achieved = result.achieved
@@ -200,10 +203,8 @@ class DashboardNode(GuardedNode, Node):
 
     # What is done.
 
-    async def set_parameters_of_controller(self, values: Mapping[str, Any], origin: str = ORIGIN) -> str:
+    async def set_parameters_of_controller(self, values: Mapping[str, Any]) -> str:
         """Hand gains or the mode to the controller, all or none; what to tell the person.
-
-        Gains come with their ``origin``; empty for those that were in force before, of which the controller knows it.
 
         Raises
         ------
@@ -217,11 +218,13 @@ class DashboardNode(GuardedNode, Node):
             raise InputError(f"parameters = {_shown(sorted(values))}; allowed: {', '.join(GAINS)}, mode")
         numbers = {name: _number(name, value) for name, value in values.items() if name != "mode"}
         mode = {"mode": _text("mode", values["mode"])} if "mode" in values else {}
-        await self.controller.set({**numbers, **mode, **({"gains.origin": origin} if numbers and origin else {})})
+        await self.controller.set({**numbers, **mode, **({"gains.origin": ORIGIN} if numbers else {})})
         return ", ".join(f"{name} = {value:.6g}" for name, value in numbers.items()) or f"mode = {values['mode']}"
 
     async def roll_back(self) -> str:
-        """Give the controller the gains it had before.
+        """Give the controller the gains it had before, with their filter and setpoint weights.
+
+        Where they come from is not said: of gains that were in force before the controller knows it.
 
         Raises
         ------
@@ -231,7 +234,8 @@ class DashboardNode(GuardedNode, Node):
         previous = self._undo.previous
         if previous is None:
             raise RefusedError("no earlier gains are known")
-        return await self.set_parameters_of_controller(previous, origin="")
+        await self.controller.set(previous)
+        return ", ".join(f"{name} = {previous[name]:.6g}" for name in GAINS)
 
     async def tune(self, fields: Mapping[str, Any]) -> str:
         """Have the tuner work the gains out; its message, whatever the tuning came to.

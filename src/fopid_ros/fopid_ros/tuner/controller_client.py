@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.node import Node
@@ -12,9 +13,12 @@ from rclpy.parameter_client import AsyncParameterClient
 
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter, SetpointWeights
 from fopid_ros.common.background import Background
 
 GAINS = ("kp", "ki", "kd", "lam", "mu")
+FILTER = ("measurement_filter_order", "measurement_filter_time")
+WEIGHTS = ("setpoint_weight", "derivative_setpoint_weight")
 OF_ALL_JOINTS = ("sample_time", "mode")
 """Parameters of a controller of many joints that are not each joint's own."""
 ANSWER_TIME = 3.0
@@ -24,16 +28,48 @@ LONGEST_CERTIFICATE = 20_000
 """Characters that a controller keeps; a longer proof is not handed over, the gains are."""
 
 
-class UnconfirmedError(InputError):
-    """The controller was asked to take gains and did not answer: it may have them or not.
+@dataclass(frozen=True)
+class RunningDesign:
+    """What a controller runs and a tuner may change, all at once.
 
     Attributes
     ----------
-    previous : Fopid
-        The gains before.
+    gains : Fopid
+    filter : MeasurementFilter
+        Of the measurement: part of the loop, and so of what is verified.
+    weights : SetpointWeights or None
+        None leaves them as they are: they are not in the loop.
     """
 
-    def __init__(self, message: str, previous: Fopid) -> None:
+    gains: Fopid
+    filter: MeasurementFilter = NO_FILTER
+    weights: SetpointWeights | None = None
+
+    @property
+    def parameters(self) -> dict[str, float | int]:
+        """As the controller's parameters."""
+        found: dict[str, float | int] = dict(zip(GAINS, self.gains.gains, strict=True))
+        found |= dict(zip(FILTER, (self.filter.order, self.filter.time), strict=True))
+        if self.weights is not None:
+            found |= dict(zip(WEIGHTS, (self.weights.proportional, self.weights.derivative), strict=True))
+        return found
+
+    def is_same_loop(self, other: RunningDesign) -> bool:
+        """Whether gains and filter are the same, whatever the setpoint weights."""
+        both_idle = self.filter.is_idle and other.filter.is_idle
+        return self.gains == other.gains and (both_idle or self.filter == other.filter)
+
+
+class UnconfirmedError(InputError):
+    """The controller was asked to take a design and did not answer: it may have it or not.
+
+    Attributes
+    ----------
+    previous : RunningDesign
+        What it ran before.
+    """
+
+    def __init__(self, message: str, previous: RunningDesign) -> None:
         super().__init__(message)
         self.previous = previous
 
@@ -86,16 +122,17 @@ class ControllerClient:
                 raise InputError(f"no controller {self.name!r} answers")
             time.sleep(LOOK_AGAIN)
 
-    def gains(self) -> Fopid:
-        """The gains in force."""
-        return Fopid(*self.get(*GAINS))
+    def design(self) -> RunningDesign:
+        """The gains, the filter and the setpoint weights in force."""
+        kp, ki, kd, lam, mu, order, time, b, c = self.get(*GAINS, *FILTER, *WEIGHTS)
+        return RunningDesign(Fopid(kp, ki, kd, lam, mu), MeasurementFilter(order, time), SetpointWeights(b, c))
 
-    def apply(self, gains: Fopid, status: str = "", certificate: str = "") -> Fopid:
-        """Hand over the gains: the controller swaps them between two ticks; the gains before.
+    def apply(self, design: RunningDesign, status: str = "", certificate: str = "") -> RunningDesign:
+        """Hand over a design: the controller swaps all of it between two ticks; what it ran before.
 
         Parameters
         ----------
-        gains : Fopid
+        design : RunningDesign
         status : str
             ``verified``, or ``trial`` for gains that a controller which is started again must not begin with. Empty
             for gains that were in force before: the controller knows what they are.
@@ -109,11 +146,11 @@ class ControllerClient:
         InputError
             If it does not answer before, or refuses them.
         """
-        previous = self.gains()
+        previous = self.design()
         provenance = {"gains.status": status, "gains.origin": self._origin} if status else {}
         if 0 < len(certificate) <= LONGEST_CERTIFICATE:
             provenance["gains.certificate"] = certificate
-        self._set({**dict(zip(GAINS, gains.gains, strict=True)), **provenance}, previous)
+        self._set({**design.parameters, **provenance}, previous)
         return previous
 
     def renew_trial(self) -> None:
@@ -121,14 +158,14 @@ class ControllerClient:
         trial = [Parameter(self._called("gains.status"), value="trial")]
         self._background.on_executor(lambda: self._client.set_parameters_atomically(trial))
 
-    def confirm(self, gains: Fopid) -> None:
-        """The gains that were on trial hold the loop; raises as ``apply`` does, and when others are in force."""
-        now = self.gains()
-        if now != gains:
-            raise InputError(f"the gains were changed meanwhile, to {now}; they stay")
+    def confirm(self, design: RunningDesign) -> None:
+        """The design that was on trial holds the loop; raises as ``apply`` does, and when another is in force."""
+        now = self.design()
+        if not now.is_same_loop(design):
+            raise InputError(f"the gains were changed meanwhile, to {now.gains}, {now.filter}; they stay")
         self._set({"gains.status": "verified"}, now)
 
-    def _set(self, values: Mapping[str, float | str], previous: Fopid) -> None:
+    def _set(self, values: Mapping[str, float | int | str], previous: RunningDesign) -> None:
         parameters = [Parameter(self._called(name), value=value) for name, value in values.items()]
         answer = self._background.result(lambda: self._client.set_parameters_atomically(parameters), ANSWER_TIME)
         if answer is None:

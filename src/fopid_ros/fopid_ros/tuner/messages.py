@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from fopid_core.design.specification import Bound, TuningRequest
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import TEST_BENCH, Process
+from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter, SetpointWeights
 from fopid_msgs.action import Autotune
-from fopid_msgs.msg import Gains, LoopMeasures
+from fopid_msgs.msg import ComparisonRow, Gains, LoopMeasures, TwoDegrees
 from fopid_msgs.msg import IdentifiedModel as IdentifiedModelMessage
-from fopid_msgs.srv import Tune
-from fopid_ros.tuner.controller_client import GAINS
+from fopid_msgs.srv import Compare, Tune
+from fopid_ros.tuner.controller_client import GAINS, RunningDesign
 
 if TYPE_CHECKING:  # loaded by the first request that learns, since they need scipy
+    from fopid_core.design.comparison.compare import Comparison
+    from fopid_core.design.comparison.measures import Row
     from fopid_core.design.identification.identify import IdentifiedModel
     from fopid_core.design.tuner import TuningResult
     from fopid_ros.tuner.learning.autotune import AutotuneRequest
     from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome
 
+WEIGHTING = ("chosen", "one")
+"""What may be asked of the setpoint weights."""
+COLUMNS = ("iae_setpoint", "iae_load", "ms", "mt", "noise_gain", "overshoot_pct", "settling_time", "control_peak",
+           "total_variation", "overshoot_spread_pct", "delay_margin", "running_ms")  # fmt: skip
+"""Measures of a row of a comparison."""
 ALLOWED_PROCESS = "P1 ... P4 or a transfer function in s"
 
 
@@ -45,7 +54,7 @@ def process_of(text: str) -> Process:
     return Process.parse(TEST_BENCH.get(name, text))
 
 
-def _given(request: Tune.Request, defaults: dict[str, Any], name: str) -> Any:
+def _given(request: Any, defaults: dict[str, Any], name: str) -> Any:
     """The request's field, or the parameter of that name where the field is zero or empty; None if both are."""
     return getattr(request, name) or defaults[name] or None
 
@@ -86,8 +95,10 @@ def criteria(tuning: TuningRequest, defaults: dict[str, Any], compare: bool = Fa
     from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria
 
     limits = RobustLimits(defaults["verify.worst_ms_max"], defaults["verify.worst_phase_margin"])
+    # What is verified on all that a record leaves possible has neither a filter nor setpoint weights.
+    plain = replace(tuning, filter_order=0, two_degrees=False)
     return AcceptanceCriteria(
-        tuning, limits, defaults["verify.ticks"], defaults["verify.certify"], compare, defaults["verify.noise_share"]
+        plain, limits, defaults["verify.ticks"], defaults["verify.certify"], compare, defaults["verify.noise_share"]
     )
 
 
@@ -108,14 +119,59 @@ def tuning_request(request: Tune.Request, defaults: dict[str, Any]) -> TuningReq
         if frequency is None and getattr(request, f"{name}_db"):
             raise InputError(f"{name}_frequency = 0; allowed: above 0 rad/s, since {name}_db is given")
     numbers = {name: _given(request, defaults, name)
-               for name in ("phase_margin", "crossover", "horizon", "ms_max", "u_max", "rule", "timeout")}  # fmt: skip
-    words = {name: _given(request, defaults, name) for name in ("method", "via", "index")}
-    return TuningRequest(process, sample_time=defaults["sample_time"], **bounds, **numbers, **words)
+               for name in ("phase_margin", "crossover", "horizon", "ms_max", "u_max", "mt_max", "noise_max", "rule",
+                            "structure", "timeout")}  # fmt: skip
+    words = {name: _given(request, defaults, name) for name in ("method", "via", "index", "input")}
+    weighted = _given(request, defaults, "setpoint_weights")
+    if weighted not in (None, *WEIGHTING):
+        raise InputError(f"setpoint_weights = {weighted!r}; allowed: {', '.join(WEIGHTING)}")
+    return TuningRequest(
+        process, sample_time=defaults["sample_time"], filter_order=request.filter_order or defaults["filter_order"],
+        two_degrees=None if weighted is None else weighted == "chosen", **bounds, **numbers, **words,
+    )  # fmt: skip
+
+
+def comparison_arguments(request: Compare.Request, defaults: dict[str, Any]) -> tuple[TuningRequest, str, float | None]:
+    """What ``~/compare`` is asked: the core's request, what is preferred, and what more numbers must gain, if told.
+
+    Raises
+    ------
+    InputError
+        Naming the field that cannot be used.
+    """
+    from fopid_core.design.comparison.compare import comparison_request
+
+    names = ("ms_max", "mt_max", "noise_max", "u_max", "horizon", "filter_order")
+    bounds = {name: _given(request, defaults, name) for name in names}
+    known = {name: value for name, value in bounds.items() if value is not None}
+    process = process_of(request.process or defaults["process"])
+    asked = comparison_request(process, sample_time=defaults["sample_time"], **known)
+    return asked, request.prefer or "balanced", request.worth or None
+
+
+def fill_comparison(response: Compare.Response, found: Comparison) -> None:
+    """What a comparison came to."""
+    response.success, response.message = found.recommended >= 0, found.reason
+    response.recommended, response.elapsed = found.recommended, found.elapsed
+    response.rows = [_comparison_row(row) for row in found.rows]
+
+
+def _comparison_row(row: Row) -> ComparisonRow:
+    candidate = row.candidate
+    message = nothing_known(ComparisonRow(method=candidate.method, structure=candidate.structure))
+    if candidate.loop is not None:
+        fill_gains(message.gains, candidate.loop.controller)
+        fill_two_degrees(message.two_degrees, candidate.loop.filter, candidate.loop.weights)
+    for name in COLUMNS:
+        setattr(message, name, float(getattr(row, name)))
+    message.stable, message.within, message.running_stable = row.stable, row.is_within, row.running_stable is True
+    message.unmet, message.reason = list(row.unmet), candidate.reason
+    return message
 
 
 def nothing_known(message: Any) -> Any:
     """The message with NaN for each number that is not known yet: gains, and what a loop with them is worth."""
-    for name in ("gains", "previous_gains", "achieved"):
+    for name in ("gains", "previous_gains", "achieved", "two_degrees", "previous_two_degrees"):
         part = getattr(message, name, None)
         for field, kind in part.get_fields_and_field_types().items() if part is not None else ():
             if kind == "double":
@@ -124,6 +180,8 @@ def nothing_known(message: Any) -> Any:
         message.achieved.unstable_poles = -1
     if hasattr(message, "worst_ms"):
         message.worst_ms = math.nan
+    if hasattr(message, "recommended"):
+        message.recommended = -1
     return message
 
 
@@ -133,6 +191,22 @@ def fill_gains(message: Gains, controller: Fopid) -> None:
         setattr(message, name, value)
 
 
+def fill_two_degrees(
+    message: TwoDegrees, measured: MeasurementFilter = NO_FILTER, weights: SetpointWeights | None = None
+) -> None:
+    """Filter and setpoint weights; weights that are not known stay NaN."""
+    message.measurement_filter_order, message.measurement_filter_time = measured.order, measured.time
+    if weights is not None:
+        message.setpoint_weight, message.derivative_setpoint_weight = weights.proportional, weights.derivative
+
+
+def fill_previous(message: Any, previous: RunningDesign) -> None:
+    """What the controller ran before, into whatever tells it."""
+    fill_gains(message.previous_gains, previous.gains)
+    if hasattr(message, "previous_two_degrees"):
+        fill_two_degrees(message.previous_two_degrees, previous.filter, previous.weights)
+
+
 def fill_measures(message: LoopMeasures, result: TuningResult) -> None:
     """What the loop is worth; a measure that does not exist stays NaN."""
     message.stable, message.cost = result.stable, result.cost
@@ -140,8 +214,10 @@ def fill_measures(message: LoopMeasures, result: TuningResult) -> None:
     if result.achieved is None:
         return
     for name in ("phase_margin", "crossover", "phase_slope", "gain_margin_db", "delay_margin", "ms", "mt",
-                 "t_db", "s_db"):  # fmt: skip
+                 "t_db", "s_db", "noise_gain"):  # fmt: skip
         setattr(message, name, float(getattr(result.achieved, name)))
+    if result.running is not None:
+        message.running_stable, message.running_ms = bool(result.running.stable), result.running.ms
 
 
 def identified_message(model: IdentifiedModel) -> IdentifiedModelMessage:
@@ -160,7 +236,7 @@ def fill_autotune_result(message: Autotune.Result, outcome: Outcome) -> None:
     if outcome.model is not None:
         message.model = identified_message(outcome.model)
     if outcome.previous is not None:
-        fill_gains(message.previous_gains, outcome.previous)
+        fill_previous(message, outcome.previous)
     if outcome.tuned is None or outcome.tuned.tuning is None:
         return
     if outcome.tuned.tuning.controller is not None:

@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from rclpy.action import CancelResponse, GoalResponse
@@ -17,26 +17,29 @@ from rclpy.parameter import Parameter
 
 from fopid_core.design.specification import TuningRequest
 from fopid_core.errors import InputError
-from fopid_core.model.fopid import Fopid
 from fopid_msgs.action import Autotune
 from fopid_msgs.msg import ReducedModel
 from fopid_msgs.msg import TuningResult as TuningResultMessage
-from fopid_msgs.srv import Identify, Reduce, Tune
+from fopid_msgs.srv import Compare, Identify, Reduce, Tune
 from fopid_ros.common.background import BackgroundActionServer, Later
 from fopid_ros.common.guard import internal_error
 from fopid_ros.common.managed_node import ManagedNode, latched_qos, run
 from fopid_ros.common.signals import header_stamp
 from fopid_ros.common.spinning import FINISH_TIME
-from fopid_ros.tuner.controller_client import ANSWER_TIME, ControllerClient
+from fopid_ros.tuner.controller_client import ANSWER_TIME, ControllerClient, RunningDesign
 from fopid_ros.tuner.jobs import Job, Jobs
 from fopid_ros.tuner.learning.loop_tap import LoopTap
 from fopid_ros.tuner.learning.loop_wait import CancelledError, LoopWait, Stage
 from fopid_ros.tuner.messages import (
     autotune_request,
+    comparison_arguments,
     criteria,
     fill_autotune_result,
+    fill_comparison,
     fill_gains,
     fill_measures,
+    fill_previous,
+    fill_two_degrees,
     identified_message,
     nothing_known,
     process_of,
@@ -46,6 +49,7 @@ from fopid_ros.tuner.parameters import SPECS
 
 if TYPE_CHECKING:  # what learns needs scipy: it is loaded by the first request, see ``_adaptation`` and below
     from fopid_core.design.identification.identify import IdentifiedModel
+    from fopid_core.design.specification import TuningResult
     from fopid_ros.tuner.learning.adaptation import Adaptation
     from fopid_ros.tuner.learning.gain_update import Outcome
 
@@ -56,15 +60,15 @@ BUSY = "busy with another request; ask again when it is answered"
 
 @dataclass(frozen=True)
 class Applied:
-    """What handing over the gains came to."""
+    """What handing over a design came to."""
 
     done: bool
     message: str
-    previous: Fopid | None = None
+    previous: RunningDesign | None = None
 
 
 class TunerNode(ManagedNode):
-    """Serves ~/tune, ~/reduce, ~/identify and ~/autotune, adapts when it may, publishes ~/result.
+    """Serves ~/tune, ~/compare, ~/reduce, ~/identify and ~/autotune, adapts when it may, publishes ~/result.
 
     Each works in a thread of its own, so the node answers others meanwhile; only while the node is active.
     """
@@ -80,7 +84,7 @@ class TunerNode(ManagedNode):
         self._controller = ControllerClient(self, self.get_parameter("controller").value, self.background)
         for kind, name, jobs, work in (
             (Tune, "tune", self._jobs, self._tune), (Identify, "identify", self._jobs, self._identify),
-            (Reduce, "reduce", self._reductions, self._reduce),
+            (Compare, "compare", self._jobs, self._compare), (Reduce, "reduce", self._reductions, self._reduce),
         ):  # fmt: skip
             self.background.may_answer_later(self.create_service(kind, f"~/{name}", self._answering(name, jobs, work)))
         self._action = BackgroundActionServer(
@@ -213,7 +217,7 @@ class TunerNode(ManagedNode):
                 from fopid_core.design.certified_tuning import certificate_or_refusal
 
                 certificate, refused = certificate_or_refusal(wanted, result, values["verify.ms_max"])
-            applied = Applied(False, refused) if refused else self._apply(result.controller, certificate)
+            applied = Applied(False, refused) if refused else self._apply(result, certificate)
         response.success = result.success and (applied.done or not request.apply)
         response.applied = applied.done
         response.message = "; ".join(text for text in (result.message, applied.message) if text)
@@ -221,15 +225,35 @@ class TunerNode(ManagedNode):
         response.elapsed = result.elapsed
         if result.controller is not None:
             fill_gains(response.gains, result.controller)
+            fill_two_degrees(response.two_degrees, result.filter, result.weights)
+        response.structure = result.structure
         fill_measures(response.achieved, result)
         self._publish_result(response, wanted, applied)
         self.get_logger().info(f"{wanted.method}: {response.message}")
 
-    def _apply(self, gains: Fopid, certificate: str) -> Applied:
+    def _apply(self, result: TuningResult, certificate: str) -> Applied:
+        """Hand over a design with its filter; its setpoint weights too where they were part of the tuning."""
+        weights = result.weights if result.method == "time" else None
         try:
-            return Applied(True, "applied", self._controller.apply(gains, "verified", certificate))
+            (lag,) = self._controller.get("derivative_filter_time")
+            previous = self._controller.apply(RunningDesign(result.controller, result.filter, weights), "verified",
+                                              certificate)  # fmt: skip
         except InputError as error:
             return Applied(False, f"not applied: {error}")
+        said = ["applied"]
+        if not previous.is_same_loop(replace(previous, filter=result.filter)):
+            said.append(f"the measurement now passes {result.filter}, before {previous.filter}")
+        if lag:
+            said.append(f"derivative_filter_time = {lag:g} s of the controller is not part of what was verified")
+        return Applied(True, "; ".join(said), previous)
+
+    def _compare(self, request: Compare.Request, response: Compare.Response, job: Job) -> None:
+        from fopid_core.design.comparison.compare import WORTH, compare
+
+        asked, prefer, worth = comparison_arguments(request, self.values())
+        found = compare(asked, prefer, WORTH if worth is None else worth, lambda share, what: job.go_on())
+        fill_comparison(response, found)
+        self.get_logger().info(f"compare: {response.message}")
 
     def _reduce(self, request: Reduce.Request, response: Reduce.Response, job: Job) -> None:
         from fopid_core.design.reduction import preferred, reduce, reduce_all
@@ -373,21 +397,26 @@ class TunerNode(ManagedNode):
         message = TuningResultMessage(
             method=wanted.method, process=str(wanted.process), success=response.success, applied=response.applied,
             message=response.message, gains=response.gains, achieved=response.achieved, unmet=response.unmet,
-            elapsed=response.elapsed,
+            elapsed=response.elapsed, two_degrees=response.two_degrees,
         )  # fmt: skip
-        message.previous_gains = nothing_known(TuningResultMessage()).previous_gains
+        unknown = nothing_known(TuningResultMessage())
+        message.previous_gains, message.previous_two_degrees = unknown.previous_gains, unknown.previous_two_degrees
         if applied.previous is not None:
-            fill_gains(message.previous_gains, applied.previous)
+            fill_previous(message, applied.previous)
         self._publish(message)
 
     def _publish_learnt(self, method: str, result: Autotune.Result, outcome: Outcome) -> None:
         tuning = outcome.tuned.tuning if outcome.tuned else None
-        message = TuningResultMessage(
+        message = nothing_known(TuningResultMessage(
             method=f"{method} {tuning.method}" if tuning else method, process=result.model.process,
-            success=result.success, applied=result.applied, message=result.message, gains=result.gains,
-            previous_gains=result.previous_gains, achieved=result.achieved, unmet=list(tuning.unmet) if tuning else [],
-            elapsed=outcome.tuned.elapsed if outcome.tuned else 0.0,
-        )  # fmt: skip
+            success=result.success, applied=result.applied, message=result.message,
+            unmet=list(tuning.unmet) if tuning else [], elapsed=outcome.tuned.elapsed if outcome.tuned else 0.0,
+        ))  # fmt: skip
+        message.gains, message.achieved = result.gains, result.achieved
+        if tuning is not None and tuning.controller is not None:
+            fill_two_degrees(message.two_degrees)
+        if outcome.previous is not None:
+            fill_previous(message, outcome.previous)
         self._publish(message)
 
     def _publish(self, message: TuningResultMessage) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from fopid_core.design.acceptance import DELAY_MARGIN_TICKS, MS_MAX
-from fopid_core.design.specification import METHODS, VIA
+from fopid_core.design.specification import INPUTS, METHODS, STRUCTURES, VIA
 from fopid_ros.common.parameters import Spec
 from fopid_ros.tuner.learning import loop_tap
 
@@ -30,6 +30,14 @@ SPECS = (
     Spec("horizon", 0.0, f"time the index is integrated over [s]{_ZERO_CHOOSES}", 0.0, 1e9),
     Spec("ms_max", 0.0, f"bound on max |S|{_ZERO_CHOOSES}", 0.0, 1e3),
     Spec("u_max", 0.0, f"bound on the control's peak after a unit setpoint step{_ZERO_CHOOSES}", 0.0, 1e9),
+    Spec("input", "setpoint", "the step whose index tuning in time makes small", choices=INPUTS),
+    Spec("structure", "", "structure of the controller; empty: the simplest that costs hardly more",
+         choices=("", *STRUCTURES)),
+    Spec("mt_max", 0.0, "bound on max |T|; 0 for none", 0.0, 1e3),
+    Spec("noise_max", 0.0, f"bound on the gain from measurement noise to control{_ZERO_CHOOSES}", 0.0, 1e12),
+    Spec("filter_order", 0, "order of the filter of the measurement that tuning in time chooses; 0 for none", 0, 2),
+    Spec("setpoint_weights", "", "chosen with the gains, or one; empty: chosen where the load or a filter counts",
+         choices=("", "chosen", "one")),
     Spec("rule", "", "name of the tuning rule"),
     Spec("timeout", 30.0, "give the best found after this long, marked unsuccessful [s]", 1e-3, 1e6),
     Spec("sample_time", 0.01, "tick of the controller that will run the gains [s]", 1e-6, 1e6),

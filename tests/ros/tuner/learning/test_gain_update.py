@@ -19,8 +19,9 @@ from fopid_core.design.specification import TuningRequest
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
+from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.performance_monitor import PerformanceMeter
-from fopid_ros.tuner.controller_client import GAINS, UnconfirmedError
+from fopid_ros.tuner.controller_client import GAINS, RunningDesign, UnconfirmedError
 from fopid_ros.tuner.learning.gain_update import (
     AcceptanceCriteria,
     GainUpdate,
@@ -32,8 +33,8 @@ from fopid_ros.tuner.learning.history import History
 from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.loop_wait import CancelledError, Stage
 
-OLD = Fopid(0.5, 1.0, 0.0, 1.0, 1.0)
-ANOTHERS = Fopid(0.7, 0.1)
+OLD = RunningDesign(Fopid(0.5, 1.0, 0.0, 1.0, 1.0), MeasurementFilter(2, 0.003), SetpointWeights(0.5, 0.0))
+ANOTHERS = RunningDesign(Fopid(0.7, 0.1))
 SAMPLE_TIME = 0.01
 Loop = Callable[[float], float]
 """Measurement at each time, about a setpoint of 1."""
@@ -44,7 +45,7 @@ class Running:
 
     def __init__(self, measurement: Loop, cancelled_at: float = math.inf) -> None:
         self.history = History(10.0)
-        self.applied: list[Fopid] = []
+        self.applied: list[RunningDesign] = []
         self.statuses: list[str] = []
         self.certificates: list[str] = []
         self.stages: list[Stage] = []
@@ -54,18 +55,18 @@ class Running:
     def set_tick_hook(self, hook: Callable[[Tick], None] | None) -> None:
         self._hook = hook
 
-    def apply(self, gains: Fopid, status: str = "", certificate: str = "") -> Fopid:
+    def apply(self, design: RunningDesign, status: str = "", certificate: str = "") -> RunningDesign:
         self.certificates.append(certificate)
         before = self.applied[-1] if self.applied else OLD
-        self.applied.append(gains)
+        self.applied.append(design)
         self.statuses.append(status)
         return before
 
-    def confirm(self, gains: Fopid) -> None:
-        assert gains == self.gains()
+    def confirm(self, design: RunningDesign) -> None:
+        assert design == self.design()
         self.statuses.append("verified")
 
-    def gains(self) -> Fopid:
+    def design(self) -> RunningDesign:
         return self.applied[-1] if self.applied else OLD
 
     def report(self, stage: Stage) -> None:
@@ -96,7 +97,7 @@ def learnt() -> IdentificationResult:
 def handover_of(
     running: Running, delay_margin_min: float = 2.0, sample_time: float = SAMPLE_TIME, certify: bool = False
 ) -> GainUpdate:
-    controller = RunningController(OLD, sample_time, -math.inf, math.inf)
+    controller = RunningController(OLD.gains, sample_time, -math.inf, math.inf)
     criteria = AcceptanceCriteria(TuningRequest(read_process("P1")), RobustLimits(), delay_margin_min, certify)
     loop: Any = running
     return GainUpdate(loop, loop, loop, controller, criteria)
@@ -130,7 +131,7 @@ def test_with_verify_certify_the_gains_go_out_with_a_proof_of_the_learnt_loop(le
     (document,) = running.certificates
     assert check(document) == ""
     assert json.loads(document)["claims"]["ms_max"] == pytest.approx(RobustLimits().ms_max)
-    assert json.loads(document)["gains"] == list(running.applied[0].gains)
+    assert json.loads(document)["gains"] == list(running.applied[0].gains.gains)
 
 
 def test_without_it_none_is_made(learnt: IdentificationResult) -> None:
@@ -144,7 +145,7 @@ def test_gains_under_which_the_loop_stays_as_good_are_kept(learnt: Identificatio
     assert tried.success
     assert tried.applied
     assert tried.previous == OLD
-    assert running.applied == [outcome.tuned.tuning.controller]
+    assert running.applied == [RunningDesign(outcome.tuned.tuning.controller)]
     assert running.statuses == ["trial", "verified"]  # until it is over, a restart must not begin with them
     assert running.stages[-1].phase == "watching"
 
@@ -161,7 +162,7 @@ def test_the_old_gains_are_back_when_the_loop_got_worse(learnt: IdentificationRe
     assert not tried.success
     assert not tried.applied
     assert tried.rolled_back
-    assert running.applied == [outcome.tuned.tuning.controller, OLD]
+    assert running.applied == [RunningDesign(outcome.tuned.tuning.controller), OLD]
     assert running.statuses == ["trial", ""]
     assert "the previous gains are back, since the loop got worse" in tried.message
 
@@ -194,7 +195,7 @@ def test_a_trial_that_is_cancelled_is_taken_back_once(learnt: IdentificationResu
         gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     gain_update.roll_back()
     gain_update.roll_back()
-    assert running.applied == [outcome.tuned.tuning.controller, OLD]
+    assert running.applied == [RunningDesign(outcome.tuned.tuning.controller), OLD]
 
 
 def test_gains_that_may_have_been_taken_can_be_taken_back(learnt: IdentificationResult) -> None:
@@ -248,4 +249,4 @@ def test_a_controller_in_manual_mode_is_not_tuned() -> None:
 
 @pytest.mark.parametrize(("control", "saturated"), [(-1.0, True), (-0.99, False), (0.99, False), (1.0, True)])
 def test_a_control_at_a_limit_is_saturated(control: float, saturated: bool) -> None:
-    assert RunningController(OLD, SAMPLE_TIME, -1.0, 1.0).saturated(control) == saturated
+    assert RunningController(OLD.gains, SAMPLE_TIME, -1.0, 1.0).saturated(control) == saturated

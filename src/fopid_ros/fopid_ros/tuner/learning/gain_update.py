@@ -15,7 +15,7 @@ from fopid_core.design.specification import TuningRequest
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.performance_monitor import LoopPerformance, MonitorSettings, PerformanceMonitor
-from fopid_ros.tuner.controller_client import GAINS, ControllerClient, UnconfirmedError
+from fopid_ros.tuner.controller_client import GAINS, ControllerClient, RunningDesign, UnconfirmedError
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 
@@ -65,7 +65,7 @@ class Outcome:
     rolled_back: bool = False
     model: IdentifiedModel | None = None
     tuned: RobustTuning | None = None
-    previous: Fopid | None = None
+    previous: RunningDesign | None = None
     certificate: str = ""
 
 
@@ -132,8 +132,8 @@ class GainUpdate:
     ) -> None:
         self._tap, self._client, self._wait = tap, client, wait
         self._controller, self._criteria = controller, criteria
-        self._previous_gains: Fopid | None = None
-        self._trial_gains: Fopid | None = None
+        self._previous: RunningDesign | None = None
+        self._trial: RunningDesign | None = None
 
     def design(self, found: IdentificationResult, noise: float = 0.0) -> Outcome:
         """Gains for what was learnt that beat the running ones on it, verified on all that the record leaves possible.
@@ -194,20 +194,21 @@ class GainUpdate:
         if design is None or design.controller is None or design.achieved is None:
             raise InputError("a tuning without gains; allowed: one that succeeded")
         self._wait.report(Stage("applying", 0.75, message=str(design.controller)))
-        self._trial_gains = design.controller
+        self._trial = RunningDesign(design.controller)  # without a filter, as it was verified
         try:
-            self._previous_gains = self._client.apply(design.controller, "trial", outcome.certificate)
+            self._previous = self._client.apply(self._trial, "trial", outcome.certificate)
         except UnconfirmedError as error:  # they may have been taken: taking back must not depend on it
-            self._previous_gains = error.previous
+            self._previous = error.previous
             raise
         response_time = 2.0 / design.achieved.crossover
         window = max(MONITORED_RESPONSES * response_time, 2 * TICKS_MIN * self._controller.sample_time)
         settings = MonitorSettings(window, response_time, error_factor=error_factor, noise=residual_transient)
         watch = self._watch(PerformanceMonitor(before, settings, self._controller.sample_time), outside)
-        applied = replace(outcome, applied=True, previous=self._previous_gains)
+        applied = replace(outcome, applied=True, previous=self._previous)
         if watch.verdict != "worse":
-            self._client.confirm(design.controller)
-            return replace(applied, message=f"{outcome.message}; applied and watched: {watch.reason}")
+            self._client.confirm(self._trial)
+            unfiltered = "" if self._previous.filter.is_idle else f" without the {self._previous.filter} that there was"
+            return replace(applied, message=f"{outcome.message}; applied{unfiltered} and watched: {watch.reason}")
         self.roll_back()
         return replace(applied, success=False, applied=False, rolled_back=True,
                        message=f"the previous gains are back, since the loop got worse: {watch.reason}")  # fmt: skip
@@ -251,11 +252,12 @@ class GainUpdate:
         InputError
             If the controller does not take them.
         """
-        if self._previous_gains is None:
+        if self._previous is None or self._trial is None:
             return
-        before, self._previous_gains = self._previous_gains, None
+        before, self._previous = self._previous, None
         try:
-            if self._client.gains() in (self._trial_gains, before):  # those on trial may still be on their way
+            now = self._client.design()
+            if now.is_same_loop(self._trial) or now.is_same_loop(before):  # those on trial may still be on their way
                 self._client.apply(before)
         except InputError as error:
-            raise InputError(f"the previous gains, {before}, could not be put back: {error}") from None
+            raise InputError(f"the previous gains, {before.gains}, could not be put back: {error}") from None
