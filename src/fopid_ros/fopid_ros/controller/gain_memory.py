@@ -9,9 +9,9 @@ from typing import Any
 
 from fopid_core.errors import InputError
 from fopid_ros.common.managed_node import ManagedNode
-from fopid_ros.controller.retained import BASIS, GAINS, PROVENANCE, Retained, Retainer, with_provenance
+from fopid_ros.controller.retained import BASIS, DESIGN, PROVENANCE, Retained, Retainer, with_provenance
 
-NEEDED = (*GAINS, *BASIS, *PROVENANCE, "directory", "retain", "trial_timeout")
+NEEDED = (*DESIGN, *BASIS, *PROVENANCE, "directory", "retain", "trial_timeout")
 """The parameters of a controller that its memory reads."""
 
 
