@@ -116,6 +116,13 @@ class ResponseGrid:
         moving = forward / (self._s * (1.0 + loop)) - settled * self._reference
         return settled * (1.0 - self._reference_error) + self._in_time(moving * self._taper)
 
+    def load_controls(self, gains: Real) -> Real:
+        """The control after a unit step that adds to it, shape (n, points + 1): what the loop answers it with."""
+        loop = self.parts(gains)[1]
+        final = np.where(gains[:, 1:2] == 0.0, self._final_of_load(gains) * self._inverse_gain - 1.0, -1.0)
+        moving = -loop / (self._s * (1.0 + loop)) - final * self._reference
+        return final * (1.0 - self._reference_error) + self._in_time(moving)
+
     def _final_of_load(self, gains: Real) -> Real:
         """What a load leaves without integral action, shape (n, 1)."""
         kp, ki = gains[:, :1], gains[:, 1:2]
