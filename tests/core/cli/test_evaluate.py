@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import Result
 
@@ -17,6 +18,7 @@ from fopid_core.data import paper_tables
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
+from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 
 from .runner import invoke
 
@@ -81,6 +83,16 @@ def test_negative_and_zero_gains_and_a_process_that_begins_with_a_minus_are_take
     assert answer("evaluate", "P1", "--gains", "0,0,0,1,1")["mt"] == 0.0
 
 
+def test_a_filter_and_weights_of_the_setpoint_are_part_of_the_loop() -> None:
+    designed = ("--gains", "1,0.4,0.5,1,1", "--filter", "2,0.1", "--setpoint-weights", "0.7,0")
+    loop = Loop(read_process("P1"), Fopid(1.0, 0.4, 0.5), MeasurementFilter(2, 0.1), SetpointWeights(0.7, 0.0))
+    w = np.geomspace(0.01, 100.0, 20001)
+    found = answer("evaluate", "P1", *designed)
+    assert found["ms"] == pytest.approx(np.max(np.abs(1.0 / (1.0 + loop(1j * w)))), rel=1e-5)
+    first = answer("step", "P1", *designed, "--horizon", "10", "--points", "11")["control"][0]
+    assert first == pytest.approx(0.7)  # the proportional part alone sees the step, and not all of it
+
+
 def test_step_gives_as_many_points_as_asked_for() -> None:
     found = answer("step", "1/(s+1)", "--gains", "1,0,0,1,1", "--horizon", "2", "--points", "5")
     assert found["time"] == [0.0, 0.5, 1.0, 1.5, 2.0]
@@ -138,6 +150,10 @@ def test_without_json_people_get_a_table(verb: str, row: str) -> None:
         (("evaluate", "P1", "--gains", GAINS, "--method", "gl1", "--step", "0"), ("step = 0.0", "allowed: above 0")),
         (("evaluate", "P1"), ("--gains",)),
         (("evaluate", "s", "--gains", GAINS), ("not proper",)),
+        (("evaluate", "P1", "--gains", GAINS, "--filter", "3,0.1"), ("filter order = 3", "allowed: 0, 1 or 2")),
+        (("evaluate", "P1", "--gains", GAINS, "--filter", "1.5,0.1"), ("filter order = 1.5", "allowed: 0, 1 or 2")),
+        (("step", "P1", "--gains", GAINS, "--filter", "2"), ("filter '2'", "ORDER,TIME")),
+        (("step", "P1", "--gains", GAINS, "--setpoint-weights", "2,0"), ("= 2.0", "allowed: 0 to 1")),
         (("evaluate", "none.yaml", "--gains", GAINS), ("none.yaml", "cannot be read")),
         (("evaluate", "P1", "--gains", GAINS, "--speed", "3"), ("--speed",)),
         (("step", "P1", "--gains", GAINS, "--input", "noise"), ("'--input'", "'noise'", "'setpoint', 'load'")),

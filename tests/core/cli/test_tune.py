@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -158,3 +160,33 @@ def test_the_papers_processes_reduce_to_errors_at_most_the_best_known() -> None:
     known = {(row["process"], row["template"]): row["best_known_H2_error"] for row in paper_tables()["table1_table2"]}
     (model,) = answer("reduce", "P4", "--template", "nioptd2")["models"]
     assert model["h2_error"] <= 1.01 * known["P4", "NIOPTD-II"]
+
+
+def test_a_tuning_shows_what_steps_do_before_and_after(tmp_path: Path) -> None:
+    before, picture = "0.68,0.29,0,1,1", tmp_path / "steps.png"
+    found = answer("tune", "rule", "P1", "--rule", "simc-pi", "--before", before, "--plot", str(picture))
+    assert found["before"]["gains"] == {"kp": 0.68, "ki": 0.29, "kd": 0.0, "lam": 1.0, "mu": 1.0}
+    for gains, steps in (
+        (before, found["before"]["steps"]),
+        (",".join(str(value) for value in found["gains"].values()), found["steps"]),
+    ):
+        judged = answer("evaluate", "P1", "--gains", gains, "--horizon", str(steps["horizon"]))
+        for name in ("overshoot_pct", "rise_time", "settling_time", "ms", "mt"):
+            assert steps[name] == pytest.approx(judged[name], rel=1e-3, abs=1e-6), name
+        assert steps["iae_setpoint"] == pytest.approx(judged["indices"]["iae"], rel=1e-3)
+    assert found["plot"] == str(picture)
+    assert picture.stat().st_size > 5000
+
+
+def test_people_see_before_and_after_in_one_row_with_its_unit() -> None:
+    told = run("tune", "rule", "P1", "--rule", "simc-pi", "--before", "0.68,0.29,0,1,1").stdout
+    assert re.search(r"settling_time +12\.\d+ -> [\d.]+ s$", told, re.MULTILINE)
+    assert re.search(r"kp +0\.68 -> 1\.7409$", told, re.MULTILINE)
+    assert re.search(r"crossover +0\.7311 rad/s$", told, re.MULTILINE)
+
+
+def test_gains_before_that_are_not_stable_are_told_as_such() -> None:
+    found = answer("tune", "rule", "P1", "--rule", "simc-pi", "--before", "9,0,0,1,1")
+    assert found["before"]["steps"]["stable"] is False
+    assert found["before"]["steps"]["iae_setpoint"] is None
+    assert found["steps"]["stable"] is True

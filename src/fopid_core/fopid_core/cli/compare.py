@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, design_options
 from fopid_core.cli.output import emit, jsonable, text
 from fopid_core.cli.progress import progress
 from fopid_core.errors import InputError
@@ -33,20 +33,18 @@ COLUMNS = {
 @click.option(
     "--worth", type=float, metavar="X", help="What a structure with more numbers must gain; 0.05 if not given."
 )
-@click.option("--ms-max", type=float, metavar="X", help="Bound on max |S|; 1.6 when not given.")
-@click.option("--mt-max", type=float, metavar="X", help="Bound on max |T|.")
-@click.option("--noise-max", type=float, metavar="X", help="Bound on the gain from noise to control; 20 over the gain.")
-@click.option("--u-max", type=float, metavar="X", help="Bound on the control's peak; 20 over the process's gain.")
-@click.option("--horizon", type=float, metavar="S", help="Of the steps [s]; chosen from the process when not given.")
+@design_options("ms_max", "mt_max", "noise_max", "u_max", "horizon", "sample_time")
 @click.option("--filter-order", type=int, default=2, show_default=True, help="Of the measurement's filter: 0, 1 or 2.")
-@click.option("--sample-time", type=float, default=0.01, show_default=True, help="Of the controller as it runs [s].")
 @click.option("--page", type=click.Path(path_type=Path), metavar="FILE", help="A page with the pictures.")
 @as_json
 def compare_verb(
     process: str | None, record: Path | None, prefer: str, worth: float | None, page: Path | None, as_json: bool,
     **bounds: Any,
 ) -> None:  # fmt: skip
-    """Every tuning method and structure on one process, under the same bounds, and which to take."""
+    """Every tuning method and structure on one process, under the same bounds, and which to take.
+
+    The noise gain is bounded by 20 over the process's gain when not told otherwise.
+    """
     from fopid_core.design.comparison.compare import WORTH, comparison_request
     from fopid_core.design.comparison.compare import compare as compare_all
 

@@ -22,7 +22,16 @@ from fopid_core.cli.design import design_verb
 from fopid_core.cli.export import export_verb
 from fopid_core.cli.extras import missing
 from fopid_core.cli.identify import identify_verb
-from fopid_core.cli.options import ARGUMENTS, BAD_INPUT, Verbs, as_json, process_argument
+from fopid_core.cli.options import (
+    ARGUMENTS,
+    BAD_INPUT,
+    Verbs,
+    as_json,
+    loop_options,
+    plot_option,
+    process_argument,
+    read_loop,
+)
 from fopid_core.cli.output import emit
 from fopid_core.cli.progress import progress
 from fopid_core.cli.report import repair_verb, report_verb
@@ -34,7 +43,6 @@ from fopid_core.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from fopid_core.model.evaluation import Method, StepMeasures
-    from fopid_core.model.loop import Loop
     from fopid_core.model.margins import Margins
     from fopid_core.model.response import Source
 
@@ -77,7 +85,6 @@ def _unknown_option(error: click.UsageError, given: Sequence[str]) -> str:
     return f"no option {unknown}; allowed: {', '.join(known) or 'none'}{did_you_mean(unknown, known)}"
 
 
-gains_option = click.option("--gains", required=True, metavar="KP,KI,KD,LAM,MU", help="The controller's five numbers.")
 horizon_option = click.option("--horizon", type=float, metavar="S", help="Last instant [s]; chosen from the loop.")
 
 
@@ -106,18 +113,9 @@ main.add_command(compare_verb)
 main.add_command(campaign_verb)
 
 
-def read_loop(process: str, gains: str) -> Loop:
-    """The loop from what was typed."""
-    from fopid_core.model.fopid import read_gains
-    from fopid_core.model.loop import Loop
-    from fopid_core.model.process import read_process
-
-    return Loop(read_process(process), read_gains(gains))
-
-
 @main.command("evaluate", context_settings=ARGUMENTS)
 @process_argument
-@gains_option
+@loop_options
 @horizon_option
 @click.option(
     "--method", type=click.Choice(["exact", "gl1"]), default="exact", help="Exact, or sampled as in the paper."
@@ -125,12 +123,12 @@ def read_loop(process: str, gains: str) -> Loop:
 @click.option("--step", "sample_time", type=float, default=0.01, show_default=True, metavar="S", help="For gl1 [s].")
 @as_json
 def evaluate_verb(
-    process: str, gains: str, horizon: float | None, method: Method, sample_time: float, as_json: bool
+    process: str, horizon: float | None, method: Method, sample_time: float, as_json: bool, **controller: Any
 ) -> None:
     """Judge a controller: stability, margins, indices of a setpoint step."""
     from fopid_core.model.evaluation import evaluate
 
-    judged = evaluate(read_loop(process, gains), horizon, method, sample_time)
+    judged = evaluate(read_loop(process, **controller), horizon, method, sample_time)
     step, margins = _step_rows(judged.step), _margin_rows(judged.margins)
     verdict = {key: value for key, value in asdict(judged.stability).items() if key != "margin"}
     if judged.stability.unstable_poles < 0:
@@ -180,23 +178,24 @@ def _step_rows(step: StepMeasures | None) -> dict[str, Any]:
 
 @main.command("step", context_settings=ARGUMENTS)
 @process_argument
-@gains_option
+@loop_options
 @horizon_option
 @click.option(
     "--input", "source", type=click.Choice(["setpoint", "load"]), default="setpoint", help="Where the step comes in."
 )
 @click.option("--points", type=int, default=501, show_default=True, metavar="N", help="Evenly spaced instants.")
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: png, svg or pdf.")
+@plot_option
 @as_json
 def step_verb(
-    process: str, gains: str, horizon: float | None, source: Source, points: int, plot: Path | None, as_json: bool
-) -> None:
+    process: str, horizon: float | None, source: Source, points: int, plot: Path | None, as_json: bool,
+    **controller: Any,
+) -> None:  # fmt: skip
     """The response to a unit step of the setpoint or the load."""
     from fopid_core.cli.plots import plot_response
     from fopid_core.model.evaluation import default_horizon
     from fopid_core.model.response import step_response
 
-    loop = read_loop(process, gains)
+    loop = read_loop(process, **controller)
     response = step_response(loop, default_horizon(loop) if horizon is None else horizon, source, points)
     if plot:
         plot_response(response, f"{loop.controller} on {loop.process}, {source} step", plot)
@@ -211,7 +210,7 @@ def step_verb(
 @click.option("--orders", default="1,1", show_default=True, metavar="LAM,MU", help="The controller's two orders.")
 @click.option("--kd", type=float, default=0.0, show_default=True, help="The derivative gain, kept fixed.")
 @click.option("--points", type=int, default=60, show_default=True, metavar="N", help="Of the grid, along each side.")
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: png, svg or pdf.")
+@plot_option
 @as_json
 def region_verb(process: str, orders: str, kd: float, points: int, plot: Path | None, as_json: bool) -> None:
     """The stabilising kp and ki for fixed orders."""

@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
 import click
+
+from fopid_core.errors import InputError
+
+if TYPE_CHECKING:
+    from fopid_core.model.loop import Loop
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 # A process text may begin with a minus sign; what is no option of ours is taken as an argument.
 ARGUMENTS = {"ignore_unknown_options": True, "help_option_names": ["-h", "--help"]}
@@ -23,3 +35,62 @@ class Verbs(click.Group):
 
 as_json = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, nothing else.")
 process_argument = click.argument("process")
+gains_option = click.option("--gains", required=True, metavar="KP,KI,KD,LAM,MU", help="The controller's five numbers.")
+plot_option = click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: png, svg or pdf.")
+
+_WHAT_IS_DESIGNED = {
+    "horizon": click.option("--horizon", type=float, metavar="S", help="Of the steps [s]; chosen when not given."),
+    "ms_max": click.option(
+        "--ms-max", type=float, metavar="X", help="Bound on max |S|; 1.6 when not given, inf for none."
+    ),
+    "mt_max": click.option("--mt-max", type=float, metavar="X", help="Bound on max |T|."),
+    "noise_max": click.option("--noise-max", type=float, metavar="X", help="Bound on the gain from noise to control."),
+    "u_max": click.option("--u-max", type=float, metavar="X", help="Bound on the control's peak; 20 over the gain."),
+    "sample_time": click.option(
+        "--sample-time", type=float, default=0.01, show_default=True, help="Of the controller as it runs [s]."
+    ),
+}
+
+
+def design_options(*names: str) -> Decorator:
+    """The options of these names, in this order: what is asked of a design is said once for all verbs."""
+
+    def decorate(verb: Callable[..., Any]) -> Callable[..., Any]:
+        for name in reversed(names):
+            verb = _WHAT_IS_DESIGNED[name](verb)
+        return verb
+
+    return decorate
+
+
+def loop_options(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """The options of a loop that is given whole: gains, filter of the measurement, weights of the setpoint."""
+    verb = click.option("--setpoint-weights", metavar="B,C", help="In the P and the D part; 1,1 when not given.")(verb)
+    verb = click.option(
+        "--filter", "slow", metavar="ORDER,TIME", help="Of the measurement, as 2,0.1; none when not given."
+    )(verb)
+    return gains_option(verb)
+
+
+def read_loop(process: str, gains: str, slow: str | None = None, setpoint_weights: str | None = None) -> Loop:
+    """The loop from what was typed."""
+    from fopid_core.model.fopid import read_gains
+    from fopid_core.model.loop import Loop
+    from fopid_core.model.process import read_process
+    from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
+
+    order, time = _two("filter", slow or "0,0", "ORDER,TIME, for instance 2,0.1")
+    if order != int(order):
+        raise InputError(f"filter order = {order:g}; allowed: 0, 1 or 2")
+    shares = _two("setpoint weights", setpoint_weights or "1,1", "B,C, each 0 to 1")
+    return Loop(read_process(process), read_gains(gains), MeasurementFilter(int(order), time), SetpointWeights(*shares))
+
+
+def _two(name: str, text: str, allowed: str) -> tuple[float, float]:
+    try:
+        first, second = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"{name} {text!r}; allowed: {allowed}") from None
+    if not (math.isfinite(first) and math.isfinite(second)):
+        raise InputError(f"{name} {text!r}; allowed: {allowed}")
+    return first, second

@@ -10,6 +10,17 @@ from typing import Any
 import click
 import numpy as np
 
+UNITS = {
+    "rad/s": ("crossover", "phase_crossover", "ms_frequency", "mt_frequency", "crossovers", "phase_crossovers"),
+    "s": ("horizon", "rise_time", "rise_time_to_100", "settling_time", "delay_margin", "jitter_margin", "elapsed_s"),
+    "%": ("overshoot_pct", "fit_pct"),
+    "deg": ("phase_margin_deg",),
+    "dB": ("gain_margin_db", "t_db", "s_db"),
+}
+"""Units of rows by their names, the same in every verb; indices and gains have those of the signals."""
+
+_UNIT = {name: unit for unit, names in UNITS.items() for name in names}
+
 
 def emit(data: Mapping[str, Any], tables: Iterable[tuple[str, Mapping[str, Any]]], as_json: bool) -> None:
     """Write a result to stdout.
@@ -28,7 +39,7 @@ def emit(data: Mapping[str, Any], tables: Iterable[tuple[str, Mapping[str, Any]]
     formatter = click.HelpFormatter()
     for title, rows in tables:
         with formatter.section(title):
-            formatter.write_dl([(name, text(value)) for name, value in rows.items()])
+            formatter.write_dl([(name, with_unit(name, value)) for name, value in rows.items()])
     click.echo(formatter.getvalue(), nl=False)
 
 
@@ -64,3 +75,15 @@ def text(value: Any) -> str:
     if isinstance(value, tuple | list):
         return ", ".join(text(item) for item in value) or "-"
     return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def with_unit(name: str, value: Any) -> str:
+    """A value as people read it, with the unit that rows of its name have.
+
+    Examples
+    --------
+    >>> with_unit("rise_time", 2.5), with_unit("ms", 1.6), with_unit("rise_time", float("nan"))
+    ('2.5 s', '1.6', '-')
+    """
+    shown = text(value)
+    return f"{shown} {_UNIT[name]}" if name in _UNIT and shown != "-" else shown

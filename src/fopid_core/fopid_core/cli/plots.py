@@ -2,24 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fopid_core.drawing import draw_over_time, new_figure
 from fopid_core.errors import InputError
+from fopid_core.model.response import Source, step_response
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from fopid_core.design.identification.identify import IdentifiedModel
     from fopid_core.design.identification.record import Record
+    from fopid_core.model.loop import Loop
     from fopid_core.model.response import Response
     from fopid_core.model.stability_region import StabilityRegion
+
+SOURCES: tuple[Source, ...] = ("setpoint", "load")
 
 
 def plot_response(response: Response, title: str, path: Path) -> None:
     """Output and control over time, one above the other."""
     _save(response.plot(title=title), path)
+
+
+def plot_steps(loops: Mapping[str, Loop], horizon: float, sample_time: float, title: str, path: Path) -> None:
+    """Unit steps of the setpoint and of the load side by side: output above, control from the first tick on below."""
+    figure = new_figure()
+    grid = figure.subplots(2, 2, sharex=True)
+    for column, source in enumerate(SOURCES):
+        for name, loop in loops.items():
+            response = step_response(loop, horizon, source)
+            runs = response.time >= sample_time  # before, the ideal derivative may be without bound
+            grid[0, column].plot(response.time, response.output, label=name)
+            grid[1, column].plot(response.time[runs], response.control[runs], label=name)
+        grid[0, column].set_title(f"{source} step")
+        grid[1, column].set_xlabel("time [s]")
+    for axes in grid.flat:
+        axes.grid(True, alpha=0.3)
+    for row, name in enumerate(("output", "control")):
+        grid[row, 0].set_ylabel(name)
+    if loops:
+        grid[0, 0].legend()
+    figure.suptitle(title if len(title) < 70 else "")
+    _save(figure, path)
 
 
 def fit_figure(model: IdentifiedModel, record: Record) -> Figure:

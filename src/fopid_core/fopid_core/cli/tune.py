@@ -3,22 +3,39 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, Verbs, as_json, process_argument
+from fopid_core.cli.options import (
+    ARGUMENTS,
+    CANNOT_BE_MET,
+    Verbs,
+    as_json,
+    design_options,
+    plot_option,
+    process_argument,
+)
 from fopid_core.cli.output import emit
 from fopid_core.cli.progress import progress
 from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
-    from fopid_core.design.specification import Bound, TuningRequest, TuningResult
+    from fopid_core.design.specification import Bound, TuningRequest
 
-certify_option = click.option("--certify", "certified", is_flag=True, help="Prove it, too; else it is no success.")
 bound_metavar = "DB@RAD_S"
+
+
+def result_options(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """What is shown of a tuning."""
+    verb = as_json(verb)
+    verb = plot_option(verb)
+    verb = click.option(
+        "--before", metavar="KP,KI,KD,LAM,MU", help="Gains to compare with; those of --start when not given."
+    )(verb)
+    return click.option("--certify", "certified", is_flag=True, help="Prove it, too; else it is no success.")(verb)
 
 
 @click.command("reduce", context_settings=ARGUMENTS)
@@ -66,16 +83,17 @@ def tune_group() -> None:
 @click.option("--via", default="none", show_default=True, help="Template to reduce to first, or none.")
 @click.option("--criterion", default="peaks", show_default=True, help="What is best: peaks, ms or flatness.")
 @click.option("--u-max", type=float, metavar="X", help="Bound on the control at a setpoint step; 20 over the gain.")
-@click.option("--sample-time", type=float, default=0.01, show_default=True, help="Of the controller as it runs [s].")
+@design_options("sample_time")
 @click.option("--solver", default="square", show_default=True, help="square, or paper or monje for comparison.")
-@certify_option
-@as_json
+@result_options
 def frequency_verb(
     process: str,
     phase_margin: float | None,
     t_max: str | None,
     s_max: str | None,
     certified: bool,
+    before: str | None,
+    plot: Path | None,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -90,7 +108,7 @@ def frequency_verb(
         s_max=_bound("s-max", s_max),
         **options,
     )
-    _tune(request, certified, as_json)
+    _tune(request, certified, before, plot, as_json)
 
 
 @tune_group.command("time", context_settings=ARGUMENTS)
@@ -98,13 +116,7 @@ def frequency_verb(
 @click.option(
     "--index", default="itae", show_default=True, help="iae, ise, itae, itse, istes, istse, sum, energy or zamani."
 )
-@click.option("--horizon", type=float, metavar="S", help="Chosen from the process when not given [s].")
-@click.option("--ms-max", type=float, metavar="X", help="Bound on max |S|; 1.6 when not given, inf for none.")
-@click.option(
-    "--u-max", type=float, metavar="X", help="Bound on the control's peak; 20 over the process's gain when not given."
-)
-@click.option("--noise-max", type=float, metavar="X", help="Bound on the gain from measurement noise to control.")
-@click.option("--mt-max", type=float, metavar="X", help="Bound on max |T|.")
+@design_options("horizon", "ms_max", "u_max", "noise_max", "mt_max")
 @click.option("--rate-max", type=float, metavar="X", help="Bound on the control's moves per second at a setpoint step.")
 @click.option("--noise-density", type=float, metavar="X", help="Of the measurement's noise [unit^2/Hz].")
 @click.option("--noise-rms-max", type=float, metavar="X", help="Bound on the control that this noise makes.")
@@ -115,7 +127,7 @@ def frequency_verb(
 )
 @click.option("--filter-order", type=int, default=0, show_default=True, help="Of the measurement's filter: 0, 1 or 2.")
 @click.option("--two-degrees/--one-degree", default=None, help="Choose the setpoint's weights as well, or keep them 1.")
-@click.option("--sample-time", type=float, default=0.01, show_default=True, help="Of the controller as it runs [s].")
+@design_options("sample_time")
 @click.option("--start", metavar="KP,KI,KD,LAM,MU", help="A further point to begin from.")
 @click.option(
     "--fix", multiple=True, metavar="NAME=VALUE", help="Keep kp, ki, kd, lam, mu or filter_time; may be repeated."
@@ -125,9 +137,16 @@ def frequency_verb(
 @click.option("--solver", default="gauss-newton", show_default=True, help="Or nelder-mead, differential-evolution.")
 @click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same answer.")
 @click.option("--timeout", type=float, metavar="S", help="Give the best found after this long [s].")
-@certify_option
-@as_json
-def time_verb(process: str, start: str | None, certified: bool, as_json: bool, **options: Any) -> None:
+@result_options
+def time_verb(
+    process: str,
+    start: str | None,
+    certified: bool,
+    before: str | None,
+    plot: Path | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
     """Minimise an index of the response to a setpoint step, a load step or both, under bounds."""
     from fopid_core.design.specification import TuningRequest
     from fopid_core.model.fopid import read_gains
@@ -139,89 +158,34 @@ def time_verb(process: str, start: str | None, certified: bool, as_json: bool, *
         "weights": {name: _number(name, value) for name, value in _pairs("weight", options.pop("weight"))},
     }
     begin = None if start is None else read_gains(start)
-    _tune(TuningRequest(read_process(process), method="time", start=begin, **pairs, **options), certified, as_json)
+    request = TuningRequest(read_process(process), method="time", start=begin, **pairs, **options)
+    _tune(request, certified, before or start, plot, as_json)
 
 
 @tune_group.command("rule", context_settings=ARGUMENTS)
 @process_argument
 @click.option("--rule", metavar="NAME", help="valerio-1, fmigo, padula-visioli-..., simc-pi, amigo-pi, amigo-pid, ...")
 @click.option("--crossover", type=float, metavar="RAD_S", help="For dominant-poles: their natural frequency.")
-@certify_option
-@as_json
-def rule_verb(process: str, rule: str | None, crossover: float | None, certified: bool, as_json: bool) -> None:
+@result_options
+def rule_verb(process: str, rule: str | None, crossover: float | None, **shown: Any) -> None:
     """Read the numbers off a published rule."""
     from fopid_core.design.specification import TuningRequest
     from fopid_core.model.process import read_process
 
-    _tune(TuningRequest(read_process(process), method="rule", rule=rule, crossover=crossover), certified, as_json)
+    _tune(TuningRequest(read_process(process), method="rule", rule=rule, crossover=crossover), **shown)
 
 
-def _tune(request: TuningRequest, certified: bool, as_json: bool) -> None:
+def _tune(request: TuningRequest, certified: bool, before: str | None, plot: Path | None, as_json: bool) -> None:
     """Tune with a progress bar on stderr, write the result, leave with the exit status of the contract."""
+    from fopid_core.cli.tuned import show
     from fopid_core.design.tuner import tune
+    from fopid_core.model.fopid import read_gains
 
+    given = None if before is None else read_gains(before)
     with progress(request.method) as told:
         result = tune(request, told)
-    data = _result_rows(result)
-    if certified:
-        _add_certificate(data, request, result)
-    parts = {
-        "gains": "Gains",
-        "filter": "Filter of the measurement",
-        "setpoint_weights": "Weights of the setpoint",
-        "achieved": "Achieved",
-        "running": "As it runs",
-    }
-    rest = {name: value for name, value in data.items() if name not in parts}
-    tables = [(title, data[name]) for name, title in parts.items() if data[name]]
-    emit(data, [*tables, ("Tuning", rest)], as_json)
-    if not data["success"]:
+    if not show(request, result, given, certified, plot, as_json):
         click.get_current_context().exit(CANNOT_BE_MET)
-
-
-def _add_certificate(data: dict[str, Any], request: TuningRequest, result: TuningResult) -> None:
-    """The proof of a design; without one it is no success."""
-    from fopid_core.cli.certify import certificate_rows
-    from fopid_core.design.certified_tuning import certify_tuning
-
-    found = certify_tuning(request, result)
-    data["certificate"] = None if found is None else certificate_rows(found)
-    if data["success"] and (found is None or found.certified is not True):
-        data["success"] = False
-        data["unmet"] = [*data["unmet"], f"certificate: {'no design' if found is None else found.reason}"]
-
-
-def _result_rows(result: TuningResult) -> dict[str, Any]:
-    achieved = None if result.achieved is None else asdict(result.achieved)
-    if achieved is not None:
-        achieved = {"phase_margin_deg": math.degrees(achieved.pop("phase_margin")), **achieved}
-    return {
-        "success": result.success,
-        "message": result.message,
-        "method": result.method,
-        "structure": result.structure or None,
-        "gains": None if result.controller is None else asdict(result.controller),
-        "filter": asdict(result.filter),
-        "setpoint_weights": asdict(result.weights),
-        "achieved": achieved,
-        "running": _running_rows(result),
-        "stable": result.stable,
-        "unstable_poles": result.unstable_poles if result.unstable_poles >= 0 else None,
-        "unmet": list(result.unmet),
-        "at_edge": list(result.at_edge),
-        "cost": result.cost,
-        "evaluations": result.evaluations,
-        "elapsed_s": result.elapsed,
-    }
-
-
-def _running_rows(result: TuningResult) -> dict[str, Any] | None:
-    """What the sampled, held loop does; the key ``running`` of the contract."""
-    if result.running is None:
-        return None
-    rows = asdict(result.running)
-    margin, gain = rows.pop("phase_margin"), rows.pop("gain_margin")
-    return {**rows, "phase_margin_deg": math.degrees(margin), "gain_margin_db": 20.0 * math.log10(gain)}
 
 
 def _radians(degrees: float) -> float:

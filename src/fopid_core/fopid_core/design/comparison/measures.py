@@ -13,7 +13,7 @@ from fopid_core.design.specification import Bounds
 from fopid_core.design.time.search_response import ResponseGrid
 from fopid_core.design.verification import checks
 from fopid_core.errors import InputError
-from fopid_core.model.indices import overshoot_pct, settling_time, total_variation
+from fopid_core.model.indices import overshoot_pct, rise_time, settling_time, total_variation
 from fopid_core.model.loop import Loop
 from fopid_core.model.loop_peaks import LoopPeaks
 from fopid_core.model.margins import margins
@@ -42,8 +42,8 @@ class Row:
     iae_setpoint, iae_load : float
         Of unit steps, a load adds to the control.
     ms, mt, noise_gain : float
-    overshoot_pct, settling_time : float
-        Of the setpoint step [%], [s].
+    overshoot_pct, rise_time, settling_time : float
+        Of the setpoint step [%], [s], [s].
     control_peak, total_variation : float
         Of the control after a setpoint step, as the controller runs.
     overshoot_spread_pct : float
@@ -65,6 +65,7 @@ class Row:
     mt: float = math.nan
     noise_gain: float = math.nan
     overshoot_pct: float = math.nan
+    rise_time: float = math.nan
     settling_time: float = math.nan
     control_peak: float = math.nan
     total_variation: float = math.nan
@@ -114,8 +115,8 @@ def _with_steps(row: Row, loop: Loop, bounds: Bounds) -> Row:
     peak, variation = _control(loop, setpoint, bounds.sample_time)
     steps = {
         "iae_setpoint": _iae(setpoint), "iae_load": _iae(load), "overshoot_pct": overshoot_pct(setpoint.output),
-        "settling_time": settling_time(setpoint.time, setpoint.output), "control_peak": peak,
-        "total_variation": variation,
+        "rise_time": rise_time(setpoint.time, setpoint.output), "control_peak": peak, "total_variation": variation,
+        "settling_time": settling_time(setpoint.time, setpoint.output),
     }  # fmt: skip
     return Row(**{**vars(row), **steps})
 
