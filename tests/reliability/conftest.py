@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from ..ros.conftest import Graph, own_domain
+from ..ros.conftest import Graph
+from ..ros.conftest import graph as graph  # the fixture
 from .rig import Rig
 
 HERE = Path(__file__).parent
@@ -30,16 +31,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def share_of(count: int) -> int:
     """As many of ``count`` as this run's share asks for, 1 at least."""
     return max(1, round(SHARE * count))
-
-
-@pytest.fixture
-def graph(tmp_path: Path) -> Iterator[Graph]:
-    with own_domain() as domain:
-        graph = Graph(domain, tmp_path)
-        try:
-            yield graph
-        finally:
-            graph.close()
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from fopid_ros.common.managed_node import ManagedNode, loop_qos, take_pending_me
 from fopid_ros.common.pending_values import PendingValues
 from fopid_ros.common.signals import SignalType
 from fopid_ros.controller.kept_setpoint import KeptSetpoint
+from fopid_ros.controller.stamps import Order, Stamps
 
 AUTOMATIC = -1.0
 """A timeout that the sample time chooses."""
@@ -78,7 +79,6 @@ class LoopInputs:
     ) -> None:  # fmt: skip
         self._node, self._types, self._counts, self._now = node, types, counts, now
         self._lockstep = values["trigger"] == "lockstep"
-        self._period_ns = round(values["sample_time"] * 1e9)
         self.setpoint, self.measurement = Input("setpoint", setpoint), Input("measurement")
         self.feedforward, self.manual = Input("feedforward", 0.0), Input("manual_control")
         self.tracking = Input("tracking")
@@ -87,7 +87,7 @@ class LoopInputs:
         self.all = (self.setpoint, self.measurement, self.feedforward, self.manual, self.tracking, self.scheduling)
         self.setpoint.received_ns = now()
         self._tracking_required, self._scheduled = bool(values["tracking.required"]), False
-        self._newest_stamp: int | None = None
+        self.stamps = Stamps(node, counts)
         self._pending: list[tuple[Input, PendingValues]] = []
         self._subscriptions: list[Subscription] = []
         self._kept: KeptSetpoint | None = None
@@ -97,7 +97,7 @@ class LoopInputs:
         """Put timeouts and tolerance in force."""
         for name, seconds in timeouts(values).items():
             self.named(name).timeout_ns = seconds * 1e9
-        self._most_ahead_ns = self._period_ns + round(values["clock_skew_max"] * 1e9)
+        self.stamps.take_settings(values)
 
     def named(self, name: str) -> Input:
         """The input of this name."""
@@ -138,7 +138,7 @@ class LoopInputs:
 
     def begin(self) -> None:
         """Forget the order of the samples before."""
-        self._newest_stamp = None
+        self.stamps.begin()
 
     def begin_anew(self, now_ns: int) -> None:
         """Time has jumped: what is there counts as new."""
@@ -171,38 +171,24 @@ class LoopInputs:
         stamp = kind.stamp_ns(message)
         if self._comes_from_the_future(one, stamp):
             return
-        if stamp:
-            before, self._newest_stamp = self._newest_stamp, stamp
-            if before is not None and stamp < before:
-                # A straggler, or its clock was set back: the next one after this stamp counts again.
-                self.warn_backwards("the measurement's stamp", "the sample is refused")
-                return
-            if stamp == before:  # the same sample again is as old as it was
-                now = one.received_ns
+        order = self.stamps.order(stamp)
+        if order is Order.OLDER:
+            return
+        if order is Order.SAME:  # it is as old as it was
+            now = one.received_ns
         self.take(one, kind.read(message), now)
 
     def _comes_from_the_future(self, one: Input, stamp_ns: int | None) -> bool:
         """Whether a stamp is further ahead than a tick and the clocks' skew: it is refused and counted."""
-        if not stamp_ns:
-            return False
-        ahead_ns = stamp_ns - int(self._node.get_clock().now().nanoseconds)
-        if ahead_ns <= self._most_ahead_ns:
-            return False
-        one.refused += 1
-        self._counts.stamps_ahead += 1
-        allowed = f"allowed: {self._most_ahead_ns * 1e-9:g} s, a tick and clock_skew_max"
-        told = f"{one.name} is stamped {ahead_ns * 1e-9:.6g} s ahead of this node's clock; {allowed}"
-        self._refuse(one, f"{told}; refused ({one.refused} so far)")
-        return True
+        told = self.stamps.too_far_ahead(one.name, stamp_ns)
+        if told:
+            one.refused += 1
+            self._refuse(one, f"{told}; refused ({one.refused} so far)")
+        return bool(told)
 
     def _refuse(self, one: Input, told: str) -> None:
         self._counts.refused_values += 1
         self._node.get_logger().warning(told, throttle_duration_sec=1.0)
-
-    def warn_backwards(self, what: str, consequence: str) -> None:
-        """Count and tell that a time has run backwards."""
-        self._counts.backward_time_jumps += 1
-        self._node.get_logger().warning(f"{what} ran backwards: {consequence}", throttle_duration_sec=1.0)
 
     def unusable(self, now_ns: int, mode: str) -> list[Input]:
         """The inputs without which the control cannot be worked out, and that are too old or have never come."""

@@ -159,7 +159,7 @@ class TickingNode(RememberingNode):
             return
         self._interval = 0.0
         if before is not None:
-            self._inputs.warn_backwards("time", "the controller starts anew")
+            self._inputs.stamps.warn_backwards("time", "the controller starts anew")
             self.forget()
         if before is not None or self._lockstep:
             self._inputs.begin_anew(now_ns)

@@ -12,6 +12,7 @@ from fopid_ros.common.diagnostics import TickCounts
 from fopid_ros.common.managed_node import ManagedNode, loop_qos, take_pending_messages
 from fopid_ros.controller.joints.joint import Joint
 from fopid_ros.controller.kept_setpoint import KeptSetpoint
+from fopid_ros.controller.stamps import Order, Stamps
 
 
 class JointInputs:
@@ -35,14 +36,13 @@ class JointInputs:
     ) -> None:  # fmt: skip
         self._node, self._joints, self._types, self._counts, self._now = node, joints, types, counts, now
         self._inputs = {name: [joint.inputs[name] for joint in joints] for name in types if name != "control"}
-        self._newest_stamp: int | None = None
-        self._most_ahead_ns = 0
+        self.stamps = Stamps(node, counts)
         self._subscriptions: list[Subscription] = []
         self._kept: KeptSetpoint | None = None
 
     def take_settings(self, values: Mapping[str, Any]) -> None:
         """Put the tolerance of the stamps in force."""
-        self._most_ahead_ns = round((values["sample_time"] + values["clock_skew_max"]) * 1e9)
+        self.stamps.take_settings(values)
 
     def listen(self, *, lockstep: bool, tracking: bool) -> None:
         """Subscribe to all but the measurement."""
@@ -67,7 +67,7 @@ class JointInputs:
 
     def begin(self) -> None:
         """Forget the order of the samples before."""
-        self._newest_stamp = None
+        self.stamps.begin()
 
     def begin_anew(self, now_ns: int) -> None:
         """Time has jumped: what is there counts as new."""
@@ -86,13 +86,11 @@ class JointInputs:
         stamp = self._types["measurement"].stamp_ns(message)
         if self._comes_from_the_future("measurement", stamp):
             return
-        if stamp:
-            before, self._newest_stamp = self._newest_stamp, stamp
-            if before is not None and stamp < before:
-                self.warn_backwards("the measurement's stamp", "the sample is refused")
-                return
-            if stamp == before:  # the same sample again is as old as it was
-                now = max(one.received_ns for one in self._inputs["measurement"])
+        order = self.stamps.order(stamp)
+        if order is Order.OLDER:
+            return
+        if order is Order.SAME:  # it is as old as it was
+            now = max(one.received_ns for one in self._inputs["measurement"])
         self.take("measurement", message, now)
 
     def take(self, name: str, message: Any, now_ns: int) -> None:
@@ -110,23 +108,13 @@ class JointInputs:
 
     def _comes_from_the_future(self, name: str, stamp_ns: int | None) -> bool:
         """Whether a stamp is further ahead than a tick and the clocks' skew: it is refused and counted."""
-        if not stamp_ns:
-            return False
-        ahead_ns = stamp_ns - int(self._node.get_clock().now().nanoseconds)
-        if ahead_ns <= self._most_ahead_ns:
-            return False
-        self._counts.stamps_ahead += 1
-        allowed = f"allowed: {self._most_ahead_ns * 1e-9:g} s, a tick and clock_skew_max"
-        self._refuse(f"{name} is stamped {ahead_ns * 1e-9:.6g} s ahead of this node's clock; {allowed}")
-        return True
+        told = self.stamps.too_far_ahead(name, stamp_ns)
+        if told:
+            self._refuse(told)
+        return bool(told)
 
     def _refuse(self, told: str, values: int = 1) -> None:
         self._counts.refused_values += values
         self._node.get_logger().warning(
             f"{told}; refused ({self._counts.refused_values} so far)", throttle_duration_sec=1.0
         )
-
-    def warn_backwards(self, what: str, consequence: str) -> None:
-        """Count and tell that a time has run backwards."""
-        self._counts.backward_time_jumps += 1
-        self._node.get_logger().warning(f"{what} ran backwards: {consequence}", throttle_duration_sec=1.0)

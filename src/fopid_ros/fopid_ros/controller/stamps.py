@@ -1,0 +1,70 @@
+"""Which samples a controller node believes by their stamps: none from the future, none older than one before."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import Enum, auto
+from typing import Any
+
+from fopid_ros.common.diagnostics import TickCounts
+from fopid_ros.common.managed_node import ManagedNode
+
+
+class Order(Enum):
+    """What a measurement's stamp says of it."""
+
+    NEWER = auto()
+    SAME = auto()
+    OLDER = auto()
+
+
+class Stamps:
+    """Judges stamps by the node's clock and by those before, and counts what it refuses.
+
+    Parameters
+    ----------
+    node : ManagedNode
+    counts : TickCounts
+        Where refusals are counted.
+    """
+
+    def __init__(self, node: ManagedNode, counts: TickCounts) -> None:
+        self._node, self._counts = node, counts
+        self._most_ahead_ns = 0
+        self._newest: int | None = None
+
+    def take_settings(self, values: Mapping[str, Any]) -> None:
+        """Put the tolerance in force: a tick and ``clock_skew_max``."""
+        self._most_ahead_ns = round((values["sample_time"] + values["clock_skew_max"]) * 1e9)
+
+    def begin(self) -> None:
+        """Forget the order of the samples before."""
+        self._newest = None
+
+    def too_far_ahead(self, name: str, stamp_ns: int | None) -> str:
+        """Why a sample of this signal is refused: its stamp is beyond the tolerance; empty for one that is not."""
+        if not stamp_ns:
+            return ""
+        ahead_ns = stamp_ns - int(self._node.get_clock().now().nanoseconds)
+        if ahead_ns <= self._most_ahead_ns:
+            return ""
+        self._counts.stamps_ahead += 1
+        allowed = f"allowed: {self._most_ahead_ns * 1e-9:g} s, a tick and clock_skew_max"
+        return f"{name} is stamped {ahead_ns * 1e-9:.6g} s ahead of this node's clock; {allowed}"
+
+    def order(self, stamp_ns: int | None) -> Order:
+        """A measurement against the one before; after one that is older, the next newer one counts again."""
+        if not stamp_ns:
+            return Order.NEWER
+        before, self._newest = self._newest, stamp_ns
+        if before is None or stamp_ns > before:
+            return Order.NEWER
+        if stamp_ns == before:
+            return Order.SAME
+        self.warn_backwards("the measurement's stamp", "the sample is refused")
+        return Order.OLDER
+
+    def warn_backwards(self, what: str, consequence: str) -> None:
+        """Count and tell that a time has run backwards."""
+        self._counts.backward_time_jumps += 1
+        self._node.get_logger().warning(f"{what} ran backwards: {consequence}", throttle_duration_sec=1.0)
