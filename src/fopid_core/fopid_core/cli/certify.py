@@ -31,6 +31,14 @@ _OPEN_SHARE = 0.04
 @click.option("--noise-max", type=float, metavar="X", help="Prove |C S| <= X, too, up to the Nyquist frequency.")
 @click.option("--sample-time", type=float, default=0.01, show_default=True, help="That frequency is pi over this [s].")
 @click.option("--box", multiple=True, metavar="NAME=LOW,HIGH", help="For all values of a parameter; may be repeated.")
+@click.option("--confidence", type=float, metavar="P", help="PROCESS is a record: for all that it leaves possible.")
+@click.option(
+    "--region",
+    type=click.Choice(["ellipsoid", "box"]),
+    default="ellipsoid",
+    show_default=True,
+    help="What of a record: the covariance's ellipsoid, or the box about it.",
+)
 @click.option("--effort", type=float, default=60.0, show_default=True, metavar="S", help="Give up after this long [s].")
 @click.option("--precision", type=int, default=128, show_default=True, metavar="BITS", help="Of the ball arithmetic.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write the certificate.")
@@ -42,7 +50,8 @@ def certify_verb(
     """Prove with ball arithmetic that a loop is stable and within bounds, or that it is not.
 
     With --box the parameters of PROCESS are intervals: those it names, as in "K/(T*s+1)*exp(-L*s)", or without names
-    those of its template (K, T, L; K, a1, a0, L; ...), or K, the steady-state gain, and L, the delay.
+    those of its template (K, T, L; K, a1, a0, L; ...), or K, the steady-state gain, and L, the delay. With --confidence
+    PROCESS is a csv file or a bag, and the proof is about all processes that it leaves possible.
     """
     require_ball_arithmetic()
     if checked is not None:
@@ -64,7 +73,7 @@ def _certify(process: str, gains: str, out: Path | None, as_json: bool, options:
         raise InputError(f"effort = {options['effort']}; allowed: above 0 s")
     if not 53 <= options["precision"] <= 4096:
         raise InputError(f"precision = {options['precision']}; allowed: 53 to 4096 bits")
-    family = _family(process, options["box"])
+    family = _family(process, options)
     effort = Effort(_MOST_PIECES if family.names else Effort.attempts, options["effort"], _OPEN_SHARE)
     found = certify(family, read_gains(gains), _bounds(options), effort, options["precision"])
     if out is not None and found.document is not None:
@@ -79,25 +88,28 @@ def _certify(process: str, gains: str, out: Path | None, as_json: bool, options:
     return found.certified is True
 
 
-def _family(process: str, box: tuple[str, ...]) -> Family:
+def _family(process: str, options: dict[str, Any]) -> Family:
     from fopid_core.design.certificate.family import Family
-    from fopid_core.design.certificate.family_text import read_family
+    from fopid_core.design.certificate.family_text import read_family, read_sides
     from fopid_core.model.process import read_process
 
-    if not box:
-        return Family.of(read_process(process))
-    sides: dict[str, tuple[float, float]] = {}
-    for text in box:
-        name, equals, ends = text.partition("=")
-        low, comma, high = ends.partition(",")
-        try:
-            side = (float(low), float(high))
-        except ValueError:
-            side = (math.nan, math.nan)
-        if not (equals and comma) or math.isnan(side[0] + side[1]) or name.strip() in sides:
-            raise InputError(f"box {text!r}; allowed: NAME=LOW,HIGH, each name once")
-        sides[name.strip()] = side
-    return read_family(process, sides)
+    box, confidence = options["box"], options["confidence"]
+    if box and confidence is not None:
+        raise InputError("box and confidence; allowed: one of them")
+    if confidence is not None:
+        return _learnt(Path(process), options["region"], confidence)
+    return read_family(process, read_sides(box)) if box else Family.of(read_process(process))
+
+
+def _learnt(record: Path, region: str, confidence: float) -> Family:
+    from fopid_core.design.certificate.ellipsoid import learnt_family
+    from fopid_core.design.identification.identify import identify
+    from fopid_core.study.records import read_record
+
+    found = identify(read_record(record))
+    if not found.success or found.best is None:
+        raise InputError(f"record {str(record)!r}: {found.message}; allowed: one that a process can be learnt from")
+    return learnt_family(found.best, region, confidence)
 
 
 def _shares(found: Certification, names: tuple[str, ...]) -> dict[str, Any]:

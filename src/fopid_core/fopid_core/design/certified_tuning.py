@@ -10,16 +10,22 @@ from fopid_core.design.certificate import require_ball_arithmetic
 from fopid_core.design.defaults import MS_MAX
 from fopid_core.design.specification import TuningRequest, TuningResult, require
 from fopid_core.design.verification import EXACT
-from fopid_core.model.process import Process
 
 if TYPE_CHECKING:
+    from fopid_core.design.certificate.family import Family
     from fopid_core.design.certificate.prover import Certification
 
+MOST_PIECES = 400_000
+"""Looked at, for a family, before the answer is that it is not known."""
 
-def certify_tuning(request: TuningRequest, result: TuningResult) -> Certification | None:
+
+def certify_tuning(
+    request: TuningRequest, result: TuningResult, family: Family | None = None, seconds: float = math.inf
+) -> Certification | None:
     """Prove that the loop of a design is stable and keeps the bounds that were asked for; None without a design.
 
-    A bound is proved with the error that a tuning is allowed to have (one part in a million). What is in force by
+    With a family it is proved for all its processes, in place of the one of the request; ``seconds`` is what that may
+    take. A bound is proved with the error that a tuning is allowed to have (one part in a million). What is in force by
     default is proved as well: max |S| of a tuning in time.
 
     Examples
@@ -34,6 +40,7 @@ def certify_tuning(request: TuningRequest, result: TuningResult) -> Certificatio
     from fopid_core.design.certificate.enclosure import Bounds
     from fopid_core.design.certificate.family import Family
     from fopid_core.design.certificate.prover import certify
+    from fopid_core.design.certificate.subdivision import Effort
 
     if result.controller is None:
         return None
@@ -45,15 +52,26 @@ def certify_tuning(request: TuningRequest, result: TuningResult) -> Certificatio
     slow = result.filter.denominator
     known = band is None or result.filter.is_idle
     require(known, "noise_max", request.noise_max, "with a certificate none where the measurement is filtered")
-    behind_filter = Process(request.process.numerator, request.process.denominator * slow)
-    return certify(Family.of(behind_filter), result.controller, Bounds(**bounds, noise_band=band))
+    processes = Family.of(request.process) if family is None else family
+    filtered = processes if result.filter.is_idle else processes.behind(slow)
+    effort = Effort(MOST_PIECES if filtered.names else Effort.attempts, seconds)
+    return certify(filtered, result.controller, Bounds(**bounds, noise_band=band), effort)
 
 
-def certificate_or_refusal(request: TuningRequest, result: TuningResult, ms_max: float) -> tuple[str, str]:
-    """The certificate of a design, with a bound on max |S| as well, or why it is not applied; the other is empty."""
+def certificate_or_refusal(
+    request: TuningRequest, result: TuningResult, ms_max: float, family: Family | None = None,
+    seconds: float = math.inf,
+) -> tuple[str, str]:  # fmt: skip
+    """The certificate of a design, with a bound on max |S| as well, or why it is not applied; the other is empty.
+
+    With a family that bound is all that is proved of it, beside stability: what was asked for is asked of the design.
+    """
     by_default = MS_MAX if request.method == "time" else math.inf
     tightest = min(ms_max, by_default if request.ms_max is None else request.ms_max)
-    found = certify_tuning(replace(request, ms_max=tightest), result)
+    asked = replace(request, ms_max=tightest)
+    if family is not None:
+        asked = replace(request, ms_max=ms_max, mt_max=None, noise_max=None)
+    found = certify_tuning(asked, result, family, seconds)
     if found is None:
         return "", "not applied: no design to certify"
     if found.certified is True and found.document is not None:

@@ -98,8 +98,9 @@ def criteria(tuning: TuningRequest, defaults: dict[str, Any], compare: bool = Fa
     # What is verified on all that a record leaves possible has neither a filter nor setpoint weights.
     plain = replace(tuning, filter_order=0, two_degrees=False)
     return AcceptanceCriteria(
-        plain, limits, defaults["verify.ticks"], defaults["verify.certify"], compare, defaults["verify.noise_share"]
-    )
+        plain, limits, defaults["verify.ticks"], defaults["verify.certify"], compare, defaults["verify.noise_share"],
+        defaults["verify.region"], defaults["verify.confidence"],
+    )  # fmt: skip
 
 
 def tuning_request(request: Tune.Request, defaults: dict[str, Any]) -> TuningRequest:

@@ -46,6 +46,7 @@ from fopid_ros.tuner.messages import (
     tuning_request,
 )
 from fopid_ros.tuner.parameters import SPECS
+from fopid_ros.tuner.proof import proof
 
 if TYPE_CHECKING:  # what learns needs scipy: it is loaded by the first request, see ``_adaptation`` and below
     from fopid_core.design.identification.identify import IdentifiedModel
@@ -213,10 +214,8 @@ class TunerNode(ManagedNode):
         applied, certificate = Applied(False, ""), ""
         if request.apply:
             refused = rejection_reason(result, values["sample_time"], values["verify.ms_max"], values["verify.ticks"])
-            if values["verify.certify"] and not refused:
-                from fopid_core.design.certified_tuning import certificate_or_refusal
-
-                certificate, refused = certificate_or_refusal(wanted, result, values["verify.ms_max"])
+            if not refused:
+                certificate, refused = proof(wanted, result, values)
             applied = Applied(False, refused) if refused else self._apply(result, certificate)
         response.success = result.success and (applied.done or not request.apply)
         response.applied = applied.done

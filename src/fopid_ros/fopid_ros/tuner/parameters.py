@@ -43,6 +43,11 @@ SPECS = (
     Spec("sample_time", 0.01, "tick of the controller that will run the gains [s]", 1e-6, 1e6),
     Spec("verify.ms_max", MS_MAX, "gains with a larger max |S| are not applied", 1.0, 1e6),
     Spec("verify.certify", False, "gains without a proof of stability and of verify.ms_max are not applied"),
+    Spec("verify.region", "samples", "what of a learnt process is proved before gains are applied: its covariance's "
+         "ellipsoid or the box about it; samples are tried, not proved", choices=("samples", "ellipsoid", "box")),
+    Spec("verify.confidence", 0.95, "that the true parameters are in that region", 0.5, 0.999999),
+    Spec("verify.box", "", "~/tune: ranges of the process's parameters, proved before gains are applied, as "
+         "'K=0.8,1.2 L=0,0.3'"),
     Spec("verify.worst_ms_max", 2.5, "the same, on every process that a record leaves possible", 1.0, 1e6),
     Spec("verify.worst_phase_margin", math.radians(30.0), "least phase margin there [rad]", 0.0, math.pi),
     Spec("verify.ticks", DELAY_MARGIN_TICKS, "gains with a delay margin of fewer ticks are not applied", 0.0, 1e6),

@@ -124,6 +124,19 @@ def test_a_whole_box_is_certified() -> None:
     assert found.reason.endswith("everywhere in the region")
 
 
+@pytest.mark.parametrize(
+    ("source", "name", "side"),
+    [
+        ("1/(s+1)*exp(-L*s)", "L", (0.0, 0.3)),
+        ("(b*s+1)/(s+1)^2", "b", (-0.3, 0.3)),
+        ("(1+b^2*s)/(s+1)^2", "b", (-1.0, 0.5)),
+    ],
+)
+def test_a_side_may_begin_at_zero_or_reach_across_it(source: str, name: str, side: tuple[float, float]) -> None:
+    found = certify(read_family(source, {name: side}), Fopid(0.5, 0.3), Bounds(2.0))
+    assert (found.certified, found.reason) == (True, "stable, max |S| <= 2, everywhere in the region")
+
+
 def test_names_may_stand_in_the_text_or_come_from_the_template() -> None:
     sides = {"K": (1.0, 2.0), "L": (0.1, 0.2)}
     written, implied = read_family("K/(3*s+1)*exp(-Ls)", sides), read_family("1.5/(3s+1)*exp(-0.2s)", sides)

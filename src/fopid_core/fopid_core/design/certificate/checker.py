@@ -168,10 +168,8 @@ class _Proof:
         for i, bound in bounds:
             x, a, pairs = arb(bound) ** 2, around[i], zip(g[1:], around[i][1:], strict=True)
             slopes = [2 * (x * (g[0].conjugate() * df) - a[0].conjugate() * da).real for df, da in pairs]
-            middle, all_over = (
-                x * abs(f[0]) ** 2 - abs(centre[i][0]) ** 2,
-                arb(bound) * g[0].abs_lower() - a[0].abs_upper(),
-            )
+            middle = x * abs(f[0]) ** 2 - abs(centre[i][0]) ** 2
+            all_over = arb(bound) * g[0].abs_lower() - a[0].abs_upper()
             _require(_positive(middle, slopes, radii, all_over), f"{low!r} to {high!r} rad/s: a bound may be broken")
         return ahead.conjugate()
 
@@ -188,9 +186,8 @@ class _Proof:
                 values[i] += b.coefficient * power * turn
         f = values[0] + values[1]
         _require(bool(f.real > 0 or f.real < 0), "1 + L may vanish near 0 rad/s")
-        _require(
-            all(arb(x) * f.abs_lower() > values[i].abs_upper() for i, x in bounds), "a bound may be broken near 0 rad/s"
-        )
+        held = all(arb(x) * f.abs_lower() > values[i].abs_upper() for i, x in bounds)
+        _require(held, "a bound may be broken near 0 rad/s")
         return acb(1) if f.real > 0 else acb(-1)
 
     def _tail(self, low: float, _high: float, over: _Cell, bounds: list[tuple[int, fmpq]]) -> acb:
@@ -243,7 +240,9 @@ class _Cell:
         self.radii = [arb((high - low) / 2) for low, high in cell]
         self.balls = [[_over(term, self.sides) for term in terms] for terms in functions]
         self.centres = [[_over(term, [arb(x) for x in self.middle]) for term in terms] for terms in functions]
-        _require(all(b.order >= 0 and b.delay >= 0 for part in self.balls for b in part), "a negative order or delay")
+        for form in (form for part in functions for term in part for form in term[1:]):
+            low = form[0] + sum((min(a * x, a * y) for a, (x, y) in zip(form[1:], cell, strict=True)), start=_ZERO)
+            _require(low >= 0, "a negative order or delay")
 
 
 def _product(factors: list[tuple[fmpq, fmpq]], terms: list[_Term]) -> list[_Term]:
@@ -270,9 +269,9 @@ def _linear(form: Form, sides: list[arb]) -> arb:
 def _over(term: _Term, sides: list[arb]) -> _Ball:
     coefficient, slopes = arb(0), [arb(0) for _ in sides]
     for powers, number in term.coefficient.items():
-        coefficient += math.prod((side**p for side, p in zip(sides, powers, strict=True)), start=arb(number))
+        coefficient += math.prod((x for x, p in zip(sides, powers, strict=True) for _ in range(p)), start=arb(number))
         for axis, own in enumerate(powers):
-            rest = [side ** (p - (i == axis)) for i, (side, p) in enumerate(zip(sides, powers, strict=True)) if p]
+            rest = [x for i, (x, p) in enumerate(zip(sides, powers, strict=True)) for _ in range(p - (i == axis))]
             slopes[axis] += math.prod(rest, start=arb(number) * own) if own else 0
     rates = list(zip(slopes, term.order[1:], term.delay[1:], strict=True))
     return _Ball(coefficient, _linear(term.order, sides), _linear(term.delay, sides), rates)

@@ -282,13 +282,18 @@ def _range(form: Linear, sides: Sequence[arb]) -> arb:
 def _slice(term: FamilyTerm, sides: Sequence[arb]) -> _Slice:
     size, slopes = arb(0), [arb(0) for _ in sides]
     for powers, number in term.coefficient.items():
-        factors = [side**power if power else arb(1) for side, power in zip(sides, powers, strict=True)]
+        factors = [_power(side, power) for side, power in zip(sides, powers, strict=True)]
         size += math.prod(factors, start=ball(number))
         for i, power in enumerate(powers):
             if power:
                 others = [factor for j, factor in enumerate(factors) if j != i]
-                slopes[i] += math.prod(others, start=ball(number * power)) * sides[i] ** (power - 1)
+                slopes[i] += math.prod(others, start=ball(number * power)) * _power(sides[i], power - 1)
     return _Slice(size, tuple(slopes), _range(term.order, sides), _range(term.delay, sides))
+
+
+def _power(side: arb, power: int) -> arb:
+    """By products: arb's own power is not a number where a side reaches from below zero to above."""
+    return math.prod([side] * power, start=arb(1))
 
 
 def _multiplied(term: FamilyTerm, factor: Fraction, order: Fraction) -> FamilyTerm:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from fopid_core.errors import InputError
@@ -95,6 +95,24 @@ class Family:
     def of(process: Process) -> Family:
         """The family that is one process."""
         return Family(_terms(process.numerator), _terms(process.denominator))
+
+    def behind(self, lag: QuasiPolynomial) -> Family:
+        """The processes over a polynomial in s, such as that of the measurement's filter."""
+        terms = [
+            FamilyTerm(
+                {powers: decimal(factor.coefficient) * c for powers, c in term.coefficient.items()},
+                (term.order[0] + decimal(factor.order), *term.order[1:]),
+                term.delay,
+            )
+            for term in self.denominator
+            for factor in lag.terms
+        ]
+        sums: dict[tuple[Linear, Linear], dict[Powers, Fraction]] = {}
+        for term in terms:
+            own = sums.setdefault((term.order, term.delay), {})
+            for powers, number in term.coefficient.items():
+                own[powers] = own.get(powers, Fraction(0)) + number
+        return replace(self, denominator=tuple(FamilyTerm(own, *key) for key, own in sums.items()))
 
     def at(self, values: Iterable[float]) -> Process:
         """A member of the family."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from importlib import resources
@@ -68,6 +68,28 @@ def read_family(source: str, sides: Sides) -> Family:
     middle = [0.5 * (low + high) for low, high in family.sides]
     family.at(middle)  # says what is wrong with a process that is not proper or not causal
     return family
+
+
+def read_sides(box: Iterable[str]) -> Sides:
+    """The ranges in texts such as ``K=0.8,1.2``.
+
+    Examples
+    --------
+    >>> read_sides(["K=0.8,1.2", "L=0,0.3"])
+    {'K': (0.8, 1.2), 'L': (0.0, 0.3)}
+    """
+    sides: dict[str, tuple[float, float]] = {}
+    for text in box:
+        name, equals, ends = text.partition("=")
+        low, comma, high = ends.partition(",")
+        try:
+            side = (float(low), float(high))
+        except ValueError:
+            side = (math.nan, math.nan)
+        if not (equals and comma) or math.isnan(side[0] + side[1]) or name.strip() in sides:
+            raise InputError(f"box {text!r}; allowed: NAME=LOW,HIGH, each name once")
+        sides[name.strip()] = side
+    return sides
 
 
 def _check_range(name: str, low: float, high: float) -> None:

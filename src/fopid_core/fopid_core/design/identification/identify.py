@@ -20,8 +20,8 @@ from fopid_core.design.identification.initial_estimates import initial_parameter
 from fopid_core.design.identification.quality import (
     Whiteness,
     covariance,
-    deviations,
     fit_pct,
+    parameter_covariance,
     relative_deviation,
     whiteness,
 )
@@ -76,6 +76,8 @@ class IdentifiedModel:
     process : Process
     parameters, deviations : mapping
         By name, and their standard deviations.
+    parameter_covariance : ndarray, shape (k, k)
+        Of them, in their order.
     fit_pct : float
         On held-back samples, with the model fitted to the others: 100 (1 - |y - model| / |y - mean y|) [%].
     whiteness : Whiteness
@@ -91,6 +93,7 @@ class IdentifiedModel:
     process: Process
     parameters: Mapping[str, float]
     deviations: Mapping[str, float]
+    parameter_covariance: Floats = field(repr=False, compare=False)
     fit_pct: float
     whiteness: Whiteness
     noise: float
@@ -237,11 +240,13 @@ def _model(record: Record, coarse: Fit) -> IdentifiedModel:
     found = fit(response, trained.x, np.ones_like(judges), 3, 1e-6)
     spread = covariance(found)
     crossover, deviation = _crossover(found, spread, record.span)
+    parameters, named = found.structure.parameters(found.x, found.gains), parameter_covariance(found, spread)
     return IdentifiedModel(
         template=found.structure.name,
         process=found.process,
-        parameters=found.structure.parameters(found.x, found.gains),
-        deviations=deviations(found, spread),
+        parameters=parameters,
+        deviations=dict(zip(parameters, np.sqrt(np.maximum(np.diag(named), 0.0)).tolist(), strict=True)),
+        parameter_covariance=named,
         fit_pct=fit_pct(response.measurement[judges], trained.residual[judges]),
         whiteness=whiteness(found.residual),
         noise=found.error,

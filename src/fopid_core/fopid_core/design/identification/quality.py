@@ -117,8 +117,8 @@ def relative_deviation(found: Fit, spread: Floats, frequency: float) -> float:
     return float(np.sqrt(abs(row @ spread[:size, :size] @ row.conj())))
 
 
-def deviations(found: Fit, spread: Floats) -> dict[str, float]:
-    """Standard deviations of the parameters that people know, to first order."""
+def parameter_covariance(found: Fit, spread: Floats) -> Floats:
+    """Of the parameters that people know, in their order, to first order."""
     numbers = np.concatenate([found.x, found.gains])
     count = found.x.size
 
@@ -128,6 +128,5 @@ def deviations(found: Fit, spread: Floats) -> dict[str, float]:
     steps = _STEP * np.maximum(np.abs(numbers), 1e-3)
     moved = [(named(numbers + step) - named(numbers - step)) / (2.0 * step.sum()) for step in np.diag(steps)]
     slopes = np.stack(moved, axis=1)
-    variances = np.einsum("ij,jk,ik->i", slopes, spread[: numbers.size, : numbers.size], slopes)
-    names = found.structure.parameters(found.x, found.gains)
-    return dict(zip(names, np.sqrt(np.maximum(variances, 0.0)).tolist(), strict=True))
+    matrix: Floats = slopes @ spread[: numbers.size, : numbers.size] @ slopes.T
+    return matrix

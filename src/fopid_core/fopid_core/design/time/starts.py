@@ -15,6 +15,8 @@ Real = NDArray[np.float64]
 
 SHAPES, SHAPES_EACH = 72, 12
 """Controllers drawn to begin with, and for each structure; the latter do not depend on the seed."""
+WITHOUT_KP = {"without kp": {"kp": 0.0}}
+"""For slow processes the best is often an integral and a derivative of low orders alone, a valley of its own."""
 IDLE_ORDERS = (0.4, 1.0)
 """Orders tried for a part that the structure does not have."""
 SLOW = (0.02, 0.5)
@@ -49,7 +51,7 @@ def starts(problem: TimeProblem, seed: int) -> Starts:
     >>> from fopid_core.model.process import read_process
     >>> specification = TimeSpecification(Objective.of("itae", {}), horizon=50.0, ms_max=1.6, u_max=20.0)
     >>> len(starts(TimeProblem(read_process("P1"), specification), seed=0).structured)
-    6
+    7
     """
     simpler = simpler_problems(problem)
     shapes = [_shapes(problem, SHAPES, seed), *(_shapes(other, SHAPES_EACH, seed=0) for _, other in simpler)]
@@ -61,9 +63,9 @@ def starts(problem: TimeProblem, seed: int) -> Starts:
 
 
 def simpler_problems(problem: TimeProblem) -> list[tuple[str, TimeProblem]]:
-    """The problem restricted to each simpler structure that its box contains and that is not the problem itself."""
+    """The problem without some numbers: those restrictions that its box contains and that leave something to choose."""
     others = []
-    for name, numbers in STRUCTURES.items():
+    for name, numbers in {**STRUCTURES, **WITHOUT_KP}.items():
         low, high = problem.box.T
         kept = [NUMBERS.index(number) for number in numbers]
         other = problem.restricted(numbers)

@@ -11,7 +11,7 @@ from fopid_core.design.acceptance import rejection_reason
 from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel
 from fopid_core.design.improvement import RunningGains, improve
 from fopid_core.design.robust_verification import RobustLimits, RobustTuning
-from fopid_core.design.specification import TuningRequest
+from fopid_core.design.specification import TuningRequest, TuningResult
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.performance_monitor import LoopPerformance, MonitorSettings, PerformanceMonitor
@@ -23,6 +23,8 @@ TICKS_MIN = 30
 """What lasts fewer ticks tells nothing."""
 MONITORED_RESPONSES = 10.0
 """How long new gains are watched, in response times."""
+PROOF_SECONDS = 30.0
+"""What a proof for a region may take where there is no timeout."""
 RENEW_PERIOD = 0.5
 """How often the controller is told that gains on trial are still watched [s of the wall clock]."""
 
@@ -41,6 +43,10 @@ class AcceptanceCriteria:
         Delay margin that they must leave, in ticks.
     certify : bool
         Whether stability and ``limits.ms_max`` must be proved for the learnt process.
+    region : str
+        For what more: ``ellipsoid`` or ``box``, all that the record leaves possible; ``samples``, for nothing.
+    confidence : float
+        That the true parameters are in that region.
     compare : bool
         Whether other methods than the one asked for are tried, and the best is taken.
     noise_share : float
@@ -53,6 +59,8 @@ class AcceptanceCriteria:
     certify: bool = False
     compare: bool = False
     noise_share: float = 0.01
+    region: str = "samples"
+    confidence: float = 0.95
 
 
 @dataclass(frozen=True)
@@ -155,15 +163,29 @@ class GainUpdate:
         outcome = Outcome(improved.success, improved.message, model=found.best, tuned=improved.tuned)
         if not improved.success or improved.tuned.tuning is None:
             return replace(outcome, success=False, message=f"nothing was changed: {improved.message}")
-        certificate, refused = "", ""
-        if self._criteria.certify and found.best is not None:
-            from fopid_core.design.certified_tuning import certificate_or_refusal
-
-            learnt = replace(wanted, process=found.best.process)
-            certificate, refused = certificate_or_refusal(learnt, improved.tuned.tuning, self._criteria.limits.ms_max)
+        certificate, refused = self._proof(wanted, found.best, improved.tuned.tuning)
         if refused:
             return replace(outcome, success=False, message=refused)
         return replace(outcome, certificate=certificate)
+
+    def _proof(self, wanted: TuningRequest, best: IdentifiedModel | None, tuning: TuningResult) -> tuple[str, str]:
+        """The certificate that the criteria ask for, or why there is none."""
+        asked = self._criteria
+        if best is None or not (asked.certify or asked.region != "samples"):
+            return "", ""
+        from fopid_core.design.certified_tuning import certificate_or_refusal
+
+        learnt = replace(wanted, process=best.process)
+        if asked.region == "samples":
+            return certificate_or_refusal(learnt, tuning, asked.limits.ms_max)
+        from fopid_core.design.certificate.ellipsoid import learnt_family
+
+        try:
+            family = learnt_family(best, asked.region, asked.confidence)
+        except InputError as error:
+            return "", f"not applied: {error}"
+        seconds = wanted.timeout or PROOF_SECONDS
+        return certificate_or_refusal(learnt, tuning, asked.limits.ms_max, family, seconds)
 
     def _refused(self, tuned: RobustTuning) -> str:
         """The limits on what the record leaves possible stand in for that on max |S| of the one design."""
