@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from fopid_core.design.specification import Bound, Bounds
@@ -11,6 +12,7 @@ from fopid_core.design.verification import achieved, checks
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
+from fopid_core.runtime.controller import ControllerSettings, FopidController
 
 
 def test_margins_of_a_known_loop() -> None:
@@ -79,3 +81,19 @@ def test_the_whole_control_counts_where_a_horizon_is_given() -> None:
     loop = Loop(Process.parse("1/(s+1)^3"), Fopid(0.0, 0.4))
     assert check_of(loop, u_max=1.05)[0]
     assert not check_of(loop, u_max=1.05, horizon=30.0)[0]
+
+
+@pytest.mark.parametrize("mu", [0.3, 0.6, 0.88, 1.0])
+def test_the_kick_that_comes_back_through_a_delay_is_that_of_the_running_controller(mu: float) -> None:
+    """The ideal control is infinite there for mu above one half. Beside it the loop tick by tick, its process exact."""
+    gains, h, ticks = Fopid(1.268, 0.58, 0.2547, 0.9993, mu), 0.01, 4000
+    controller = FopidController(ControllerSettings(gains, h))
+    decay, waiting, output, controls = math.exp(-h / 2.0), [0.0] * 100, 0.0, []
+    for _ in range(ticks):
+        controls.append(controller.step(1.0, output))
+        waiting.append(controls[-1])
+        output = decay * output + (1.0 - decay) * waiting.pop(0)
+    (check,) = checks(Loop(Process.parse("1/(2s+1)*exp(-s)"), gains), Bounds(u_max=50.0, horizon=40.0, sample_time=h))
+    assert check.holds
+    assert max(np.abs(controls)) <= check.value * 1.001
+    assert check.value == pytest.approx(controls[0])

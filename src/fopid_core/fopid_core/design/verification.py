@@ -15,11 +15,12 @@ import numpy as np
 from fopid_core.design.control_peak import first_control
 from fopid_core.design.specification import Achieved, Bound, Bounds
 from fopid_core.errors import InputError
+from fopid_core.model.arrays import Floats
 from fopid_core.model.loop import Loop
 from fopid_core.model.loop_peaks import LoopPeaks
 from fopid_core.model.margins import margins
 from fopid_core.model.noise_power import noise_rms
-from fopid_core.model.response import step_response
+from fopid_core.model.response import Response, step_response
 
 EXACT = 1e-6
 """Relative error of a checked value, and so how far above its bound it may be."""
@@ -27,6 +28,7 @@ EXACT_DB = 20.0 * EXACT / math.log(10.0)
 """The same in dB."""
 SMOOTH_TICKS = 4
 """Ticks after which the running controller's control is that of the ideal one; before that its first one is larger."""
+_ROUNDING = 1e-9  # of instants, over the delay
 
 
 def achieved(
@@ -165,9 +167,27 @@ def _control(loop: Loop, bounds: Bounds) -> Check:
             response = step_response(loop, bounds.horizon)
         except InputError as refusal:
             return Check("control peak", asked, bounds.u_max, math.nan, error, reason=str(refusal))
-        later = np.abs(response.control[response.time >= SMOOTH_TICKS * bounds.sample_time])
+        later = _running_size(response, loop, bounds.sample_time)
         value, error = max(value, float(later.max(initial=0.0))), max(error, response.control_accuracy * bounds.u_max)
     return Check("control peak", asked, bounds.u_max, value, error, reason=reason)
+
+
+def _running_size(response: Response, loop: Loop, sample_time: float) -> Floats:
+    """How large the running controller's control is at most, after its first ticks.
+
+    That of the ideal one, except just after each delay: there the first kick comes back, and the ideal control may be
+    infinite. The running one adds to what it was before no more than its kick for so much change of the measurement.
+    """
+    size, delay, smooth = np.abs(response.control), loop.process.delay, SMOOTH_TICKS * sample_time
+    if delay > 2.0 * smooth and loop.controller.kd:
+        turn = np.floor_divide(response.time + _ROUNDING * delay, delay)
+        for first in np.flatnonzero(np.diff(turn) > 0.0) + 1:
+            last = int(np.searchsorted(response.time, turn[first] * delay + smooth))
+            moved = np.abs(response.output[first : last + 1] - response.output[first - 1]).max()
+            kick = abs(float(first_control(np.array([loop.controller.gains]), sample_time)[0]))
+            size[first:last] = np.minimum(size[first:last], size[first - 1] + kick * moved)
+    later: Floats = size[response.time >= smooth]
+    return later
 
 
 def _rate(loop: Loop, bounds: Bounds) -> Check:
