@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +13,6 @@ from fopid_core.cli.progress import progress
 from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
-    from fopid_core.design.comparison.compare import Comparison
-    from fopid_core.design.comparison.measures import Row
     from fopid_core.model.process import Process
 
 COLUMNS = {
@@ -47,6 +44,7 @@ def compare_verb(
     """
     from fopid_core.design.comparison.compare import WORTH, comparison_request
     from fopid_core.design.comparison.compare import compare as compare_all
+    from fopid_core.study.comparison_rows import comparison_rows
 
     request = comparison_request(_process(process, record), **bounds)
     with progress("compare") as told:
@@ -79,36 +77,6 @@ def _process(text: str | None, record: Path | None) -> Process:
     if not found.success or found.best is None:
         raise InputError(f"record {str(record)!r}: {found.message}")
     return found.best.process
-
-
-def comparison_rows(process: Process, found: Comparison) -> dict[str, Any]:
-    """The comparison as the contract has it."""
-    rows = [_row(row) for row in found.rows]
-    taken = rows[found.recommended] if found.recommended >= 0 else None
-    recommended = None
-    if taken is not None:
-        recommended = {"row": found.recommended, "method": taken["method"], "structure": taken["structure"]}
-    bounds = {name: value for name, value in asdict(found.bounds).items() if name not in ("t_max", "s_max")}
-    return {
-        "process": str(process), "bounds": bounds, "rows": rows, "recommended": recommended, "reason": found.reason,
-        "elapsed_s": found.elapsed,
-    }  # fmt: skip
-
-
-def _row(row: Row) -> dict[str, Any]:
-    candidate, loop = row.candidate, row.candidate.loop
-    values = {name: value for name, value in vars(row).items() if name not in ("candidate", "unmet")}
-    return {
-        "method": candidate.method,
-        "structure": candidate.structure or None,
-        "gains": None if loop is None else asdict(loop.controller),
-        "filter": None if loop is None else asdict(loop.filter),
-        "setpoint_weights": None if loop is None else asdict(loop.weights),
-        **values,
-        "within": row.is_within,
-        "unmet": list(row.unmet),
-        "reason": candidate.reason,
-    }
 
 
 def _print(data: dict[str, Any]) -> None:

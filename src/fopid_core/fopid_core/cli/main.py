@@ -19,6 +19,7 @@ from fopid_core.cli.campaign import campaign_verb
 from fopid_core.cli.certify import certify_verb
 from fopid_core.cli.compare import compare_verb
 from fopid_core.cli.design import design_verb
+from fopid_core.cli.explore import explore_verb
 from fopid_core.cli.export import export_verb
 from fopid_core.cli.extras import missing
 from fopid_core.cli.identify import identify_verb
@@ -107,6 +108,7 @@ main.add_command(reproduce_verb)
 main.add_command(identify_verb)
 main.add_command(design_verb)
 main.add_command(export_verb)
+main.add_command(explore_verb)
 main.add_command(simulate_verb)
 main.add_command(certify_verb)
 main.add_command(compare_verb)

@@ -10,6 +10,10 @@ from typing import Any
 import click
 import numpy as np
 
+from fopid_core.study.json_values import jsonable
+
+__all__ = ["emit", "jsonable", "text"]
+
 UNITS = {
     "rad/s": ("crossover", "phase_crossover", "ms_frequency", "mt_frequency", "crossovers", "phase_crossovers"),
     "s": ("horizon", "rise_time", "rise_time_to_100", "settling_time", "delay_margin", "jitter_margin", "elapsed_s"),
@@ -41,23 +45,6 @@ def emit(data: Mapping[str, Any], tables: Iterable[tuple[str, Mapping[str, Any]]
         with formatter.section(title):
             formatter.write_dl([(name, with_unit(name, value)) for name, value in rows.items()])
     click.echo(formatter.getvalue(), nl=False)
-
-
-def jsonable(value: Any) -> Any:
-    """A value as JSON knows it.
-
-    Examples
-    --------
-    >>> jsonable({"peak": float("inf"), "time": np.array([0.0, 1.0])})
-    {'peak': None, 'time': [0.0, 1.0]}
-    """
-    if isinstance(value, Mapping):
-        return {str(name): jsonable(item) for name, item in value.items()}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [jsonable(item) for item in (value.tolist() if isinstance(value, np.ndarray) else value)]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def text(value: Any) -> str:

@@ -13,7 +13,7 @@ from fopid_core.errors import ExpressionError, InputError
 from fopid_core.model.process import Process
 from fopid_core.study.page.prediction import answer
 
-PID = {"kp": 2.0, "ki": 0.6, "kd": 1.5}
+PID = {"kp": 2.0, "ki": 1.2, "kd": 1.5}
 DELAYED = "2/(s+1)*exp(-0.5s)"
 
 
@@ -24,8 +24,8 @@ def shown(process: str, *sets: dict, **more: object) -> dict:
 def test_responses_are_those_of_the_rational_loop_by_scipy() -> None:
     seen = shown("1/(s+1)^3", PID, horizon=20.0)
     one, time = seen["sets"][0], np.linspace(0.0, 20.0, len(seen["time"]))
-    closed = [1.0, 3.0, 3.0 + 1.5, 1.0 + 2.0, 0.6]
-    setpoint = signal.step(signal.TransferFunction([1.5, 2.0, 0.6], closed), T=time)[1]
+    closed = [1.0, 3.0, 3.0 + 1.5, 1.0 + 2.0, 1.2]
+    setpoint = signal.step(signal.TransferFunction([1.5, 2.0, 1.2], closed), T=time)[1]
     load = signal.step(signal.TransferFunction([1.0, 0.0], closed), T=time)[1]
     assert np.abs(np.array(one["setpoint"]["output"]) - setpoint).max() < 2e-5
     assert np.abs(np.array(one["load"]["output"]) - load).max() < 2e-5
@@ -37,7 +37,7 @@ def test_curves_and_margins_are_those_of_the_transfer_function() -> None:
     one = shown("1/(s+1)^3", PID)["sets"][0]
     w = np.logspace(-3.0, 3.0, 200_001)
     s = 1j * w
-    opened = (2.0 + 0.6 / s + 1.5 * s) / (s + 1.0) ** 3
+    opened = (2.0 + 1.2 / s + 1.5 * s) / (s + 1.0) ** 3
     assert one["margins"]["ms"]["value"] == pytest.approx(np.abs(1.0 / (1.0 + opened)).max(), rel=1e-6)
     crossover = w[np.argmin(np.abs(np.log(np.abs(opened))))]
     assert one["margins"]["crossover"]["value"] == pytest.approx(crossover, rel=1e-4)

@@ -17,8 +17,8 @@ SHORTEST_TOKEN = 16
 """Characters of a token that somebody chose."""
 
 
-def chosen_token(given: str | None) -> str:
-    """A token given from outside, a new random one without.
+def chosen_token(given: str | None, name: str = "FOPID_DASHBOARD_TOKEN") -> str:
+    """A token given from outside by a variable of this name, a new random one without.
 
     Raises
     ------
@@ -28,9 +28,7 @@ def chosen_token(given: str | None) -> str:
     if given is None:
         return secrets.token_urlsafe(24)
     if len(given) < SHORTEST_TOKEN or not given.isascii() or not given.isprintable():
-        raise InputError(
-            f"FOPID_DASHBOARD_TOKEN has {len(given)} characters; allowed: {SHORTEST_TOKEN} or more, printable ASCII"
-        )
+        raise InputError(f"{name} has {len(given)} characters; allowed: {SHORTEST_TOKEN} or more, printable ASCII")
     return given
 
 

@@ -43,7 +43,7 @@ MOST_SETS = 8
 LONGEST_PROCESS = 2000
 """Characters of a process that is typed into a page."""
 
-_WITH_REST = 1.6  # settling times that a picture shows
+_WITH_REST = 2.5  # settling times that a picture shows
 _QUICK_STEPS = 4  # of the quick response, per instant drawn
 _GAINS = ("kp", "ki", "kd", "lam", "mu")
 _MORE = ("filter_order", "filter_time", "setpoint_weight", "derivative_setpoint_weight")
@@ -139,7 +139,7 @@ def answer(request: Mapping[str, Any], process: Process | None = None) -> dict[s
     --------
     >>> shown = answer({"process": "1/(s+1)^3", "sets": [{"kp": 2}, {"kp": 9}]})
     >>> [one["verdict"]["badge"] for one in shown["sets"]], shown["horizon"]
-    (['stable', 'unstable'], 20.0)
+    (['stable', 'unstable'], 30.0)
     >>> round(shown["sets"][0]["margins"]["gain_margin"]["value"], 6)
     4.0
     """

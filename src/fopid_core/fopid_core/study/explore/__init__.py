@@ -1,0 +1,1 @@
+"""The page without ROS: a process, sliders, and what would happen."""
