@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -12,7 +13,8 @@ from fopid_core.errors import UnknownResponseError
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.contour import WINDOW_RATIO, Windows, invert_on_hyperbolas
 from fopid_core.model.modes import LARGEST_EXPONENT, Modes
-from fopid_core.model.poles import Path, count_right_of, poles_right_of
+from fopid_core.model.poles import Path, Poles, count_right_of, poles_right_of
+from fopid_core.model.quasipolynomial import QuasiPolynomial
 from fopid_core.model.step_transforms import StepTransforms
 
 _SECTORS = (0.25, 0.17, 0.32, 0.1, 0.05)  # of pi, beyond the imaginary axis, in the order they are tried
@@ -115,11 +117,16 @@ class DelayFree:
         return np.concatenate(([0.0, edges[0]], *parts))
 
 
+@lru_cache(8)  # a loop is asked for its answer to the setpoint and to the load in turn
+def _poles(characteristic: QuasiPolynomial, path: Path) -> Poles | None:
+    count, _ = count_right_of(characteristic, path)
+    return poles_right_of(characteristic, path, count)
+
+
 def _modes(transforms: StepTransforms, sector: float, horizon: float) -> Modes | None:
     """The modes within ``sector`` of the right half-plane; None when they are not all found."""
     path = Path(0.5 * math.pi + sector)
-    count, _ = count_right_of(transforms.characteristic, path)
-    found = poles_right_of(transforms.characteristic, path, count)
+    found = _poles(transforms.characteristic, path)
     if found is None:
         return None
     check_growth(found.values, horizon)

@@ -111,10 +111,10 @@ def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:
 
 
 def described(structure: str, ms_max: float, design: TimeDesign | None) -> dict[str, Any]:
-    """A design as JSON knows it; gains are null where there is none."""
+    """A design as JSON knows it, its gains with five digits; null where there is none."""
     if design is None:
         return {"structure": structure, "ms_max": ms_max, "met": False, "gains": None, "cost": None, "ms": None,
                 "control_peak": None}  # fmt: skip
-    gains = {name: getattr(design.controller, name) for name in ("kp", "ki", "kd", "lam", "mu")}
+    gains = {name: float(f"{getattr(design.controller, name):.5g}") for name in ("kp", "ki", "kd", "lam", "mu")}
     return {"structure": structure, "ms_max": ms_max, "met": design.met, "gains": gains, "cost": design.cost,
             "ms": design.ms, "control_peak": design.control_peak}  # fmt: skip

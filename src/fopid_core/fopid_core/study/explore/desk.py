@@ -13,6 +13,7 @@ from fopid_core.model.stability import process_stability
 from fopid_core.study.explore.designs import EFFORT_RANGE, MS_RANGE, STRUCTURES, Designs, described
 from fopid_core.study.explore.learning import learn_upload
 from fopid_core.study.explore.taking import report, take
+from fopid_core.study.json_values import jsonable
 from fopid_core.study.page.prediction import answer, natural_frequency, number, typed_process
 
 Work = Callable[[Mapping[str, Any]], dict[str, Any]]
@@ -85,7 +86,8 @@ def comparison(fields: Mapping[str, Any]) -> dict[str, Any]:
     from fopid_core.study.comparison_rows import comparison_rows
 
     process = _process(fields)
-    return comparison_rows(process, compare(comparison_request(process)))
+    found: dict[str, Any] = jsonable(comparison_rows(process, compare(comparison_request(process))))
+    return found
 
 
 AT_THE_HAND: Mapping[str, Work] = {"predict": answer, "take": take}

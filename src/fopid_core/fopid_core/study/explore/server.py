@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import signal
 import socket
 from collections.abc import Mapping
@@ -17,7 +18,6 @@ from tornado.web import Application, RequestHandler
 
 from fopid_core.errors import ExpressionError, InputError
 from fopid_core.study.explore.desk import AT_THE_HAND, LONG_WORK, SEARCHES, Work
-from fopid_core.study.json_values import jsonable
 from fopid_core.study.page.access import Access
 from fopid_core.study.page.files import FileHandler, shared_files
 from fopid_core.study.page.guarded import Guarded, json_object
@@ -65,6 +65,11 @@ def _deaf() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
+def _text(work: Work, fields: Mapping[str, Any]) -> str:
+    """The answer as JSON, written where it was worked out: the server goes on meanwhile."""
+    return json.dumps(work(fields), separators=(",", ":"), allow_nan=False)
+
+
 class AskHandler(Guarded):
     """Answers one request: 200, 400 for bad input, 401 without the token, 503 when too many wait."""
 
@@ -84,7 +89,8 @@ class AskHandler(Guarded):
         desk.waiting += 1
         try:
             fields = json_object(self.request.body)
-            self.write(jsonable(await asyncio.get_running_loop().run_in_executor(executor, work, fields)))
+            self.write(await asyncio.get_running_loop().run_in_executor(executor, _text, work, fields))
+            self.set_header("Content-Type", "application/json; charset=UTF-8")
         except ExpressionError as error:
             self._refuse(400, str(error), text=error.text, position=error.position, reason=error.reason)
         except InputError as error:

@@ -20,6 +20,7 @@ import numpy as np
 from fopid_core.design.control_peak import first_control
 from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover
 from fopid_core.design.time.search_response import ResponseGrid
+from fopid_core.design.verification import SMOOTH_TICKS
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.evaluation import default_horizon
@@ -44,6 +45,7 @@ LONGEST_PROCESS = 2000
 """Characters of a process that is typed into a page."""
 
 _WITH_REST = 2.5  # settling times that a picture shows
+_TURN = 30.0  # of the phase between two frequencies, that a curve can be drawn through [deg]
 _QUICK_STEPS = 4  # of the quick response, per instant drawn
 _GAINS = ("kp", "ki", "kd", "lam", "mu")
 _MORE = ("filter_order", "filter_time", "setpoint_weight", "derivative_setpoint_weight")
@@ -239,7 +241,9 @@ def judged(picture: Picture, one: GainSet, quick: bool = False) -> dict[str, Any
     is_quick = quick and verdict.stable and picture.process.delay > 0.0 and picture.process.steady_state_gain != 0.0
     steps = _quick_steps(picture, one) if is_quick else _exact_steps(picture, loop)
     gain, phase = _frequency_response(picture, loop)
-    curve = 10.0 ** (gain / 20.0) * np.exp(1j * np.radians(phase))
+    with np.errstate(all="ignore"):
+        curve = 10.0 ** (gain / 20.0) * np.exp(1j * np.radians(phase))
+    curve[np.abs(np.gradient(phase)) > _TURN] = np.nan  # a delay's turns, too dense to draw
     return {
         "gains": {name: getattr(one.gains, name) for name in _GAINS},
         "verdict": {"badge": _badge(verdict), "reason": verdict.reason,
@@ -324,7 +328,7 @@ def _measures(picture: Picture, one: GainSet, step: Mapping[str, Any], verdict: 
         reason = step["reason"] if verdict.stable else verdict.reason
         return {name: {"value": None, "reason": reason} for name in names}
     time, output = picture.time, step["output"]
-    later = step["control"][np.isfinite(step["control"]) & (time >= picture.sample_time)]
+    later = step["control"][np.isfinite(step["control"]) & (time >= SMOOTH_TICKS * picture.sample_time)]
     begins = abs(float(first_control(one.row, picture.sample_time)[0]))
     values = (
         overshoot_pct(output), settling_time(time, output), rise_time(time, output),

@@ -17,7 +17,7 @@ function ends(values, from = 0) {
 }
 
 // What of the curves is worth its place: of a kick, and of what grows, only the beginning.
-function frame(curves) {
+function frame(curves, floor) {
   const calm = curves.filter((curve) => curve.calm), seen = calm.length ? calm : curves;
   let low = Infinity, high = -Infinity;
   for (const { values } of seen) {
@@ -35,6 +35,7 @@ function frame(curves) {
     }
   }
   if (low > high) return [0, 1];
+  low = Math.max(low, Math.min(floor, high - 90));
   const size = Math.max(Math.abs(low), Math.abs(high));
   const room = Math.max((high - low) * 0.08, size * 1e-6) || 1;  // no rounding noise over the whole height
   return [low - room, high + room];
@@ -95,8 +96,8 @@ function guides(plot, levels) {
 }
 
 // A curve is { label, stroke, dash, values, calm, peak }: `calm` unless it grows, `peak` what it reached between two points.
-// `levels` are guides across the chart, `unit` stands behind numbers of the x axis, charts of one `key` share a cursor.
-export function curveChart(figure, { title, unit, log = false, height = 190, levels = [], key }) {
+// `levels` are guides across the chart, below `floor` nothing is worth its place, `unit` stands behind numbers of the x axis, charts of one `key` share a cursor.
+export function curveChart(figure, { title, unit, log = false, height = 190, levels = [], floor = -Infinity, key }) {
   figure.innerHTML = `<figcaption><b>${title}</b><span class="readout" aria-hidden="true"></span></figcaption><div class="curve" role="img"></div>`;
   const place = figure.querySelector(".curve"), readout = figure.querySelector(".readout");
   place.setAttribute("aria-label", title);
@@ -118,7 +119,7 @@ export function curveChart(figure, { title, unit, log = false, height = 190, lev
     chart = new uPlot({
       width: place.clientWidth || 300, height, padding: [6, 10, 0, 0], pxAlign: 0, legend: { show: false },
       cursor: { sync: { key }, drag: { x: true, y: false, setScale: true }, points: { size: 6 } },
-      scales: { x: { time: false, distr: log ? 3 : 1, range: (_, low, high) => [low, high] }, y: { range: () => frame(shown.curves) } },
+      scales: { x: { time: false, distr: log ? 3 : 1, range: (_, low, high) => [low, high] }, y: { range: () => frame(shown.curves, floor) } },
       axes: [
         axis({
           size: 30, space: 60, values: (_, ticks) => ticks.map(digits), ...(log ? { splits: decades } : {}),
@@ -130,7 +131,7 @@ export function curveChart(figure, { title, unit, log = false, height = 190, lev
       }))],
       hooks: {
         drawClear: [(plot) => guides(plot, levels)],
-        draw: [(plot) => markClipped(plot, shown.curves)],
+        draw: [(plot) => floor === -Infinity && markClipped(plot, shown.curves)],
         setCursor: [read],
       },
     }, [x, ...curves.map(({ values }) => values)], place);

@@ -23,7 +23,7 @@ function make(tag, text, more = {}) {
 
 function cell({ value, reason }, text) {
   if (value !== null) return make("td", text(value));
-  return make("td", reason.startsWith("infinite") ? "∞" : "–", { title: reason });
+  return make("td", /^infinite(:|$)/.test(reason) ? "∞" : "–", { title: reason });
 }
 
 export function measuresTable(table, sets) {

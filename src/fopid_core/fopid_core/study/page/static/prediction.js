@@ -37,7 +37,7 @@ export function createPrediction(root, predict) {
     load: curveChart(figure("load"), { title: "Load step, output", levels: [0], ...time }),
     control: curveChart(figure("control"), { title: "Setpoint step, control", ...time }),
     gain: curveChart(figure("gain"), { title: "Open loop, gain [dB]", levels: [0], ...frequency }),
-    phase: curveChart(figure("phase"), { title: "Open loop, phase [°]", levels: [-180], ...frequency }),
+    phase: curveChart(figure("phase"), { title: "Open loop, phase [°]", levels: [-180], floor: -540, ...frequency }),
   };
   const nyquist = nyquistChart(figure("nyquist"));
   let wanted = null, busy = false, version = 0, resting = 0, last = null;
@@ -57,8 +57,8 @@ export function createPrediction(root, predict) {
     showVerdict(all.at(-1).seen);
     part(".sets").replaceChildren(...all.map(legend));
     measuresTable(part(".measures"), all);
-    const silent = all.map(({ seen }) => seen.setpoint.reason || seen.load.reason).filter(Boolean);
-    part(".trouble").textContent = silent[0] ?? "";
+    const silent = all.find(({ seen }) => seen.setpoint.reason || seen.load.reason);
+    part(".trouble").textContent = silent ? `${silent.label}: ${silent.seen.setpoint.reason || silent.seen.load.reason}` : "";
     if (begun) {
       requestAnimationFrame(() => setTimeout(() => {
         performance.measure("hand to picture", { start: begun, end: performance.now() });
