@@ -19,7 +19,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fopid_core.api.comparing import compare
+    from fopid_core.api.comparing import compare, front
     from fopid_core.api.learning import identify, reduce, tune
     from fopid_core.api.looking import evaluate, margins, simulate, stability, step_response
     from fopid_core.design.specification import Bound
@@ -39,6 +39,7 @@ _HOME = {
     "Loop": "model.loop",
     "Process": "model.process",
     "compare": "api.comparing",
+    "front": "api.comparing",
     "evaluate": "api.looking",
     "from_control": "model.rational",
     "identify": "api.learning",
@@ -65,6 +66,7 @@ __all__ = [
     "compare",
     "evaluate",
     "from_control",
+    "front",
     "identify",
     "margins",
     "read_gains",

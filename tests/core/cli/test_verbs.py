@@ -62,6 +62,7 @@ LINES = (
     "campaign campaign.yaml --workers 1",
     "reproduce --out paper",
     "compare 1/(s+1)*exp(-0.5s)",
+    "front 1/(s+1)*exp(-0.5s) --structure pi --points 20 --plot front.png --csv front.csv --take 3",
     f"schedule {SCHEDULE}",
 )
 

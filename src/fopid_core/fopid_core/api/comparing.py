@@ -1,4 +1,4 @@
-"""Which method, which structure: the comparison, from what people have at hand."""
+"""Which method, which structure, which trade-off: from what people have at hand."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from fopid_core.design.comparison import compare as comparing
 
 if TYPE_CHECKING:
     from fopid_core.api.reading import ProcessLike
+    from fopid_core.design.front.front import Front
 
 
 def compare(process: ProcessLike, prefer: str = "balanced", **bounds: Any) -> comparing.Comparison:
@@ -35,3 +36,33 @@ def compare(process: ProcessLike, prefer: str = "balanced", **bounds: Any) -> co
     'pid'
     """
     return comparing.compare(comparing.comparison_request(as_process(process), **bounds), prefer)
+
+
+def front(process: ProcessLike, structure: str = "fopid", points: int = 200, **options: Any) -> Front:
+    """The whole trade-off between load performance, robustness and control effort, not one point of it.
+
+    Parameters
+    ----------
+    process : Process, str or python-control object
+    structure : str
+        ``p``, ``pi``, ``pd``, ``pid``, ``fopi``, ``fopd`` or ``fopid``.
+    points : int
+        Designs asked for.
+    **options
+        ``ms_min`` and ``ms_max``, ``noise_max``, ``mt_max``, ``horizon``, ``filter_order``, ``sample_time``.
+
+    Returns
+    -------
+    Front
+        Arrays of ``gains``, ``filter_time``, ``iae_load``, ``ms``, ``mt``, ``noise_gain``; ``best(ms_max=1.4)`` says
+        which design has the least IAE within bounds, ``loop(index)`` gives its loop.
+
+    Examples
+    --------
+    >>> found = front("1/(s+1)^3", "pi", points=20)
+    >>> bool(found.ms[found.best(ms_max=1.5)] <= 1.5)
+    True
+    """
+    from fopid_core.design.front.front import front as following
+
+    return following(as_process(process), structure, points, **options)

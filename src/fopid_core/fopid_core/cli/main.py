@@ -22,6 +22,7 @@ from fopid_core.cli.design import design_verb
 from fopid_core.cli.explore import explore_verb
 from fopid_core.cli.export import export_verb
 from fopid_core.cli.extras import missing
+from fopid_core.cli.front import front_verb
 from fopid_core.cli.identify import identify_verb
 from fopid_core.cli.options import (
     ARGUMENTS,
@@ -112,6 +113,7 @@ main.add_command(explore_verb)
 main.add_command(simulate_verb)
 main.add_command(certify_verb)
 main.add_command(compare_verb)
+main.add_command(front_verb)
 main.add_command(campaign_verb)
 
 

@@ -1,4 +1,4 @@
-"""The pictures of the command line: a response, a region of gains."""
+"""The pictures of the command line: a response, a region of gains, a trade-off."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from fopid_core.model.response import Source, step_response
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from fopid_core.design.front.front import Front
     from fopid_core.design.identification.identify import IdentifiedModel
     from fopid_core.design.identification.record import Record
     from fopid_core.model.loop import Loop
@@ -81,6 +82,21 @@ def plot_region(region: StabilityRegion, title: str, path: Path) -> None:
         xlim=(region.x[0], region.x[-1]), ylim=(region.y[0], region.y[-1]),
     )  # fmt: skip
     axes.legend()
+    _save(figure, path)
+
+
+def plot_front(front: Front, taken: int | None, path: Path) -> None:
+    """The IAE of a load over Ms, by colour for how much noise moves the control; a ring around the design taken."""
+    figure = new_figure()
+    axes = figure.subplots()
+    dots = axes.scatter(front.ms, front.iae_load, c=front.noise_gain, norm="log", s=18, cmap="viridis")
+    if taken is not None:
+        axes.plot(front.ms[taken], front.iae_load[taken], "o", markersize=11, markerfacecolor="none", color="#d62728")
+    text = str(front.process)
+    axes.set(xlabel="Ms", ylabel="IAE of a load step", yscale="log",
+             title=f"{front.structure} on {text if len(text) < 50 else 'the process'}")  # fmt: skip
+    axes.grid(True, which="both", alpha=0.3)
+    figure.colorbar(dots, label="gain from measurement noise to control")
     _save(figure, path)
 
 

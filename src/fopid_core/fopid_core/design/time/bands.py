@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +29,10 @@ def least_in_bands(values: Real, position: Real, bands: int) -> Real:
     >>> least_in_bands((x[None] - 0.1) ** 2, x, 1).round(12).tolist()
     [[0.0]]
     """
-    edges = np.linspace(0, values.shape[1], bands + 1).astype(int)
-    columns = [first + values[:, first:last].argmin(axis=1) for first, last in itertools.pairwise(edges.tolist())]
-    least = np.stack(columns, axis=1)
-    rows, at = np.arange(len(values))[:, None], np.clip(least, 1, values.shape[1] - 2)
+    members = _members(values.shape[1], bands)
+    rows = np.arange(len(values))[:, None]
+    least = members[np.arange(bands), values[:, members].argmin(axis=2)]
+    at = np.clip(least, 1, values.shape[1] - 2)
     before, here, after = values[rows, at - 1], values[rows, at], values[rows, at + 1]
     left, right = position[at] - position[at - 1], position[at + 1] - position[at]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -47,3 +47,11 @@ def least_in_bands(values: Real, position: Real, bands: int) -> Real:
 def around(peak: float, width: float) -> tuple[float, ...]:
     """Where to look at a peak of so much width, as ln w."""
     return tuple((peak + width * AROUND).tolist())
+
+
+@lru_cache(maxsize=64)
+def _members(count: int, bands: int) -> NDArray[np.intp]:
+    """Positions in each band, shape (bands, most of one); a shorter band repeats its last."""
+    edges = np.linspace(0, count, bands + 1).astype(int)
+    places = edges[:-1, None] + np.arange(np.diff(edges).max())
+    return np.asarray(np.minimum(places, edges[1:, None] - 1))

@@ -85,18 +85,18 @@ def descend(
     if not len(problem.free):
         return descent
     winding = problem.winding(descent.gains)
-    point = problem.linearised(descent.gains)
+    point: Linearised | None = None
     for _ in range(steps):
         if descent.finished or (expired is not None and expired()):
             break
+        point = point or problem.linearised(descent.gains)
         better = _step(problem, descent, point, winding)
         if better is None:
             radius = 0.2 * descent.radius
             descent = replace(descent, radius=radius, finished=radius < 1e-3)
             continue
         gained = 1.0 - better.merit / descent.merit
-        point = problem.linearised(better.gains)
-        descent = replace(better, finished=gained < tolerance)
+        descent, point = replace(better, finished=gained < tolerance), None
     return descent
 
 

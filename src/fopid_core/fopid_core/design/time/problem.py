@@ -90,6 +90,8 @@ class TimeProblem:
         Number of time steps up to the horizon; chosen from the process when not given.
     density : int
         Frequencies in each band.
+    bands : int
+        Of max |S| and max |T|: the more, the fewer have two peaks of the same height, which have no one slope.
     watch_control : bool
         Whether the whole control signal is bounded, not its first sample only, which nearly always is the largest.
     watched : tuple of float
@@ -104,9 +106,11 @@ class TimeProblem:
         density: int = 20,
         watch_control: bool = False,
         watched: tuple[float, ...] = (),
+        bands: int = BANDS,
     ) -> None:
         self.process, self.specification = process, specification
         self.density, self.watch_control, self.watched = density, watch_control, watched
+        self.bands = bands
         self.speed, self.gain = natural_crossover(process, PHASE_MARGIN), process_gain(process)
         self.points = points or enough_points(specification.horizon * self.speed)
         self.evaluations = 0
@@ -114,7 +118,7 @@ class TimeProblem:
         self._grid = ResponseGrid(process, specification.horizon, self.points, self.speed, specification.filter_order)
         parts = [self.load_weight if source == "load" else 1.0 for source in self.sources]
         self._weights = specification.objective.time_weights(self._grid.time, parts)
-        grid = math.log(self.speed) + math.log(10.0) * np.linspace(-2.5, 2.5, density * BANDS)
+        grid = math.log(self.speed) + math.log(10.0) * np.linspace(-2.5, 2.5, density * bands)
         self._log_w = np.union1d(grid, [*_resonances(process, grid), *watched])
         self._w = np.exp(self._log_w)
         self._p = process(1j * self._w)
@@ -194,7 +198,7 @@ class TimeProblem:
 
     def changed(self, **changes: int | bool | tuple[float, ...]) -> TimeProblem:
         """The same problem on other grids."""
-        kept = {name: getattr(self, name) for name in ("points", "density", "watch_control", "watched")}
+        kept = {name: getattr(self, name) for name in ("points", "density", "watch_control", "watched", "bands")}
         return TimeProblem(self.process, self.specification, **(kept | changes))
 
     def restricted(self, numbers: Mapping[str, float]) -> TimeProblem:
@@ -260,7 +264,9 @@ class TimeProblem:
 
     def ms(self, gains: Real) -> Real:
         """Largest |S|, shape (n,)."""
-        return np.asarray(np.exp(-least_in_bands(log_size(1.0 + self._loop(gains)), self._log_w, BANDS).min(axis=1)))
+        return np.asarray(
+            np.exp(-least_in_bands(log_size(1.0 + self._loop(gains)), self._log_w, self.bands).min(axis=1))
+        )
 
     def mt(self, gains: Real) -> Real:
         """Largest |T|, shape (n,)."""
@@ -278,7 +284,7 @@ class TimeProblem:
         return Variables(gains, self.specification.filter_order)
 
     def _complementary(self, loop: Complex) -> Real:
-        return least_in_bands(log_size(1.0 + loop) - log_size(loop), self._log_w, BANDS)
+        return least_in_bands(log_size(1.0 + loop) - log_size(loop), self._log_w, self.bands)
 
     def _noise(self, gains: Real) -> Real:
         """Negative logarithm of |C F S|, shape (n, frequencies)."""
@@ -320,7 +326,7 @@ class TimeProblem:
         bounds = self.specification
         columns: list[Real] = []
         if math.isfinite(bounds.ms_max):
-            least = least_in_bands(log_size(1.0 + loop), self._log_w, BANDS)
+            least = least_in_bands(log_size(1.0 + loop), self._log_w, self.bands)
             columns += list(math.log(bounds.ms_max) + least.T)
         if math.isfinite(bounds.mt_max):
             columns += list(math.log(bounds.mt_max) + self._complementary(loop).T)

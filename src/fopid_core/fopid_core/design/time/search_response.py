@@ -53,10 +53,12 @@ class Variables:
         """C F from C at the same s."""
         if self.is_plain or not self._filter_order:
             return np.asarray(controller)
-        slow = sum(
-            part * s**power for power, part in enumerate(filter_coefficients(self._filter_order, self.filter_time))
-        )
-        return np.asarray(controller / slow)
+        delayed = self.filter_time * s
+        *parts, last = filter_coefficients(self._filter_order, 1.0)
+        slow = last * delayed  # by Horner's rule: powers of complex numbers take long
+        for part in parts[:0:-1]:
+            slow = (slow + part) * delayed
+        return np.asarray(controller / (slow + parts[0]))
 
 
 class ResponseGrid:
