@@ -47,5 +47,6 @@ def _start(source: str) -> dict[str, Any]:
         from fopid_core.study.explore.learning import learnt
         from fopid_core.study.records import read_record
 
-        return {"learnt": learnt(read_record(source), Path(source).name)}
+        found = learnt(read_record(source), Path(source).name)
+        return {"process": found["best"]["process"] if found["best"] else "P1", "learnt": found}
     return {"process": source if source in ("P1", "P2", "P3", "P4") else str(read_process(source))}

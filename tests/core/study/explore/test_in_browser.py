@@ -148,6 +148,7 @@ def test_two_wishes_give_the_best_of_each_structure(page: Page) -> None:
     page.until("document.querySelector('[data-structure=fopid]').getAttribute('aria-pressed') === 'true'", "taken")
     exact = margins(Loop(read_process("P1"), Fopid(*gains(page))))
     assert exact.ms == pytest.approx(wanted, abs=0.02)
+    page.until("document.querySelectorAll('.sets li').length === 4", "baseline, PI, PID and new in one picture")
 
 
 def test_a_point_of_the_front_is_taken_with_the_keyboard(page: Page) -> None:

@@ -21,8 +21,8 @@ Work = Callable[[Mapping[str, Any]], dict[str, Any]]
 SLIDER_REACH = 20.0
 """The sliders of the gains reach so many times the gain of practice."""
 
-FIRST_MS, FIRST_EFFORT = 1.4, 2.0
-"""The design a process begins with: robust, with little control."""
+FIRST = (("pi", 1.4, 2.0), ("pid", 1.4, 2.0), ("pid", 1.6, 20.0), ("fopid", 2.0, 20.0))
+"""Structure, max |S| and effort of the design a process begins with: the first that there is."""
 
 
 def about_process(fields: Mapping[str, Any]) -> dict[str, Any]:
@@ -30,13 +30,12 @@ def about_process(fields: Mapping[str, Any]) -> dict[str, Any]:
 
     Examples
     --------
-    >>> known = about_process({"process": "2/(s+1)"})
-    >>> known["process"], known["sign"], known["effort_unit"]
-    ('2/(s + 1)', 1.0, 0.5)
+    >>> known = about_process({"process": "2/(s+1)^3"})
+    >>> known["nature"], known["sign"], known["effort_unit"]
+    ('stable', 1.0, 0.5)
     """
     process = _process(fields)
     designs = _designs(process, _sample_time(fields))
-    first = designs.of("pi", FIRST_MS, FIRST_EFFORT)
     w, size = natural_frequency(process), SLIDER_REACH * designs.effort_unit
     verdict = process_stability(process)
     return {
@@ -44,8 +43,19 @@ def about_process(fields: Mapping[str, Any]) -> dict[str, Any]:
         "ranges": {"kp": size, "ki": size * w, "kd": size / w, "lam": 2.0, "mu": 2.0},
         "effort_unit": designs.effort_unit, "ms_range": MS_RANGE, "effort_range": EFFORT_RANGE,
         "nature": "integrating" if process.integrating_order > 0 else verdict.reason,
-        "first": described("pi", FIRST_MS, first),
+        "first": _first(designs),
     }  # fmt: skip
+
+
+def _first(designs: Designs) -> dict[str, Any]:
+    for structure, ms_max, effort in FIRST:
+        try:
+            design = designs.of(structure, ms_max, effort)
+        except InputError as refusal:  # no search on such a process
+            return {**described(structure, ms_max, None), "reason": str(refusal)}
+        if design is not None and design.met:
+            return {**described(structure, ms_max, design), "reason": ""}
+    return {**described("pi", FIRST[0][1], None), "reason": "no design with little control was found"}
 
 
 def designs_for(fields: Mapping[str, Any]) -> dict[str, Any]:

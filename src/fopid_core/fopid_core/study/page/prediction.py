@@ -98,8 +98,11 @@ class Picture:
 
 @lru_cache(32)
 def natural_frequency(process: Process) -> float:
-    """The middle of a Bode plot [rad/s]."""
-    return natural_crossover(process, PHASE_MARGIN)
+    """The middle of a Bode plot [rad/s]; 1 where the process does not say, being infinite at some frequency."""
+    try:
+        return natural_crossover(process, PHASE_MARGIN)
+    except InputError:
+        return 1.0
 
 
 @lru_cache(32)

@@ -26,7 +26,7 @@ export function startLearning({ ask, use }) {
     at("learn-answer").className = `answer ${good ? "good" : "bad"}`;
   }
 
-  async function show(learnt) {
+  async function show(learnt, { taken = false } = {}) {
     say(`${learnt.name}: ${learnt.message}`, learnt.success);
     at("learnt").hidden = learnt.models.length === 0;
     if (learnt.models.length === 0) return;
@@ -48,7 +48,7 @@ export function startLearning({ ask, use }) {
         cell("td", `${one.fit_pct.toFixed(1)} %`), last);
       return line;
     }));
-    if (learnt.success) await use(learnt.best.process);
+    if (learnt.success && !taken) await use(learnt.best.process);
   }
 
   at("learn").addEventListener("submit", async (event) => {

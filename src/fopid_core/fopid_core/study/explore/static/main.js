@@ -27,9 +27,10 @@ function show(begun) {
   prediction.show({ process: page.process, sets, horizon: page.horizon, begun });
 }
 
-// New gains, from wherever: the sliders show them and the picture follows.
-function take(gains, { begun, sliders: moved } = {}) {
+// New gains, from wherever: the sliders show them and the picture follows; `others` are drawn beside them.
+function take(gains, { begun, sliders: moved, others = [] } = {}) {
   page.gains = gains;
+  page.others = others;
   if (moved) sliders.set(gains);
   show(begun);
   taking.show();
@@ -65,6 +66,7 @@ async function useProcess(text) {
   at("process-error").hidden = true;
   at("process").removeAttribute("aria-invalid");
   at("process").value = text;
+  if (about.first.reason) at("process-note").title = about.first.reason;
   const first = about.first.gains ?? { kp: 0, ki: 0, kd: 0, lam: 1, mu: 1 };
   Object.assign(page, { process: text, about, baseline: first, gains: first, horizon: null, others: [] });
   for (const button of document.querySelectorAll("[data-process]")) {
@@ -91,7 +93,7 @@ async function begin() {
   }
   at("access").textContent = "";
   await useProcess(start.process);
-  if (start.learnt) startLearning.show(start.learnt);
+  if (start.learnt) startLearning.show(start.learnt, { taken: true });
 }
 
 at("process-form").addEventListener("submit", (event) => {

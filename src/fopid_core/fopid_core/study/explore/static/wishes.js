@@ -59,7 +59,9 @@ export function startWishes({ ask, take, front, state }) {
 
   function takeChosen() {
     const design = designs.find(({ structure }) => structure === chosen);
-    if (design?.gains) take(design.gains, { sliders: true });
+    const others = designs.filter(({ structure, gains, met }) => structure !== chosen && gains && met)
+      .map(({ structure, gains }) => ({ label: LABELS[structure], kind: structure, gains }));
+    if (design?.gains) take(design.gains, { sliders: true, others, begun: performance.now() });
   }
 
   async function showStructures() {
