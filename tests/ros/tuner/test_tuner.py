@@ -70,6 +70,35 @@ def test_with_verify_certify_the_controller_gets_the_proof_with_its_gains(graph:
     assert json.loads(document)["gains"] == gains
 
 
+@pytest.mark.slow
+def test_gains_are_judged_at_the_ticks_of_the_controller_that_runs_them(graph: Graph) -> None:
+    """Fine at the tuner's 10 ms, unstable at the controller's 0.5 s."""
+    graph.start("fopid_controller", PI | {"sample_time": 0.5})
+    start_tuner(graph, **{"verify.ticks": 0.0})
+    request = Tune.Request(process="1/(0.1s+1)^2", method="rule", rule="simc-pi", apply=True)
+    answer = graph.call(Tune, "fopid_tuner/tune", request)
+    assert not answer.applied
+    assert "with ticks of 0.5 s, is not known to be stable" in answer.message
+    assert graph.get("fopid_controller", "kp") == [PI["kp"]]
+
+
+@pytest.mark.slow
+def test_a_box_that_the_gains_do_not_bear_keeps_them_from_being_applied(graph: Graph) -> None:
+    graph.start("fopid_controller", PI)
+    start_tuner(graph, **{"verify.box": "K=1.5,2.5 L=0.4,0.6", "verify.ms_max": 2.5})
+    request = Tune.Request(process="2/(3s+1)*exp(-0.5s)", method="rule", rule="simc-pi", apply=True)
+    answer = graph.call(Tune, "fopid_tuner/tune", request)
+    assert answer.applied, answer.message
+    (document,) = graph.get("fopid_controller", "gains.certificate")
+    assert [row[0] for row in json.loads(document)["parameters"]] == ["K", "L"]
+    graph.set("fopid_tuner", **{"verify.box": "K=1.5,8 L=0.4,2"})
+    answer = graph.call(Tune, "fopid_tuner/tune", request)
+    assert not answer.applied
+    assert "no certificate" in answer.message
+    graph.set("fopid_tuner", **{"verify.box": "T=1,0"})
+    assert "not applied: verify.box" in graph.call(Tune, "fopid_tuner/tune", request).message
+
+
 def test_time_tuning_keeps_its_bound_on_ms(graph: Graph) -> None:
     graph.start("fopid_controller", PI)
     start_tuner(graph)

@@ -27,6 +27,7 @@ from fopid_ros.common.managed_node import ManagedNode, latched_qos, run
 from fopid_ros.common.signals import header_stamp
 from fopid_ros.common.spinning import FINISH_TIME
 from fopid_ros.tuner.controller_client import ANSWER_TIME, ControllerClient, RunningDesign
+from fopid_ros.tuner.handover import proof, refusal
 from fopid_ros.tuner.jobs import Job, Jobs
 from fopid_ros.tuner.learning.loop_tap import LoopTap
 from fopid_ros.tuner.learning.loop_wait import CancelledError, LoopWait, Stage
@@ -46,7 +47,6 @@ from fopid_ros.tuner.messages import (
     tuning_request,
 )
 from fopid_ros.tuner.parameters import SPECS
-from fopid_ros.tuner.proof import proof
 
 if TYPE_CHECKING:  # what learns needs scipy: it is loaded by the first request, see ``_adaptation`` and below
     from fopid_core.design.identification.identify import IdentifiedModel
@@ -204,19 +204,13 @@ class TunerNode(ManagedNode):
             jobs.end()
 
     def _tune(self, request: Tune.Request, response: Tune.Response, job: Job) -> None:
-        from fopid_core.design.acceptance import rejection_reason
         from fopid_core.design.tuner import tune
 
         values = self.values()
         wanted = tuning_request(request, values)
         result = tune(wanted, clock=job.clock)
         job.go_on()
-        applied, certificate = Applied(False, ""), ""
-        if request.apply:
-            refused = rejection_reason(result, values["sample_time"], values["verify.ms_max"], values["verify.ticks"])
-            if not refused:
-                certificate, refused = proof(wanted, result, values)
-            applied = Applied(False, refused) if refused else self._apply(result, certificate)
+        applied = self._apply(wanted, result, values) if request.apply else Applied(False, "")
         response.success = result.success and (applied.done or not request.apply)
         response.applied = applied.done
         response.message = "; ".join(text for text in (result.message, applied.message) if text)
@@ -230,11 +224,21 @@ class TunerNode(ManagedNode):
         self._publish_result(response, wanted, applied)
         self.get_logger().info(f"{wanted.method}: {response.message}")
 
-    def _apply(self, result: TuningResult, certificate: str) -> Applied:
-        """Hand over a design with its filter; its setpoint weights too where they were part of the tuning."""
+    def _apply(self, wanted: TuningRequest, result: TuningResult, values: dict[str, Any]) -> Applied:
+        """Hand over a design with its filter, if it is fit for the controller's own ticks and proved where asked.
+
+        Its setpoint weights too where they were part of the tuning.
+        """
         weights = result.weights if result.method == "time" else None
+        refused = refusal(wanted, result, wanted.sample_time, values)
+        if refused:
+            return Applied(False, refused)
         try:
-            (lag,) = self._controller.get("derivative_filter_time")
+            sample_time, lag = self._controller.get("sample_time", "derivative_filter_time")
+            refused = refusal(wanted, result, sample_time, values)
+            certificate, refused = ("", refused) if refused else proof(wanted, result, values)
+            if refused:
+                return Applied(False, refused)
             previous = self._controller.apply(RunningDesign(result.controller, result.filter, weights), "verified",
                                               certificate)  # fmt: skip
         except InputError as error:

@@ -41,7 +41,7 @@ REGIONS: tuple[tuple[Family, Fopid, Bounds], ...] = (
 
 def certificate(which: int) -> dict[str, Any]:
     family, gains, bounds = REGIONS[which]
-    document = certify(family, gains, bounds, Effort(900, open_share=0.3)).document
+    document = certify(family, gains, bounds, Effort(2500, open_share=0.3)).document
     assert document is not None
     content: dict[str, Any] = json.loads(document)
     return content

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import count
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from fopid_core.design.certificate.checker import check
@@ -132,6 +134,29 @@ def test_with_verify_certify_the_gains_go_out_with_a_proof_of_the_learnt_loop(le
     assert check(document) == ""
     assert json.loads(document)["claims"]["ms_max"] == pytest.approx(RobustLimits().ms_max)
     assert json.loads(document)["gains"] == list(running.applied[0].gains.gains)
+
+
+@pytest.mark.parametrize("region", ["ellipsoid", "box"])
+def test_with_verify_region_the_proof_is_about_all_that_the_record_leaves_possible(region: str) -> None:
+    time = [0.02 * k for k in range(600)]
+    control = [1.0 if t >= 1.0 else 0.0 for t in time]
+    noise = np.random.default_rng(0).normal(0.0, 0.01, 600)
+    measured = [1.0 - math.exp(-max(t - 1.0, 0.0) / 0.5) + e for t, e in zip(time, noise, strict=True)]
+    noisy = identify(Record(time, control, measured), "foptd")  # type: ignore[arg-type]
+    gain_update = handover_of(Running(lambda _: 1.0))
+    gain_update._criteria = replace(gain_update._criteria, region=region)
+    outcome = gain_update.design(noisy)
+    assert outcome.success, outcome.message
+    assert check(outcome.certificate) == ""
+    content = json.loads(outcome.certificate)
+    assert content["region"] == {"ellipsoid": "ball", "box": "box"}[region]
+    assert content["claims"] == {
+        "stable": True, "share": 1.0, "mt_max": None, "noise_max": None, "noise_band": None,
+        "ms_max": pytest.approx(RobustLimits().ms_max),
+    }  # fmt: skip
+    few = RobustLimits(ms_max=1.001 * outcome.tuned.robustness.ms, samples=1)
+    gain_update._criteria = replace(gain_update._criteria, limits=few, confidence=0.999999)
+    assert "no certificate" in gain_update.design(noisy).message  # which one draw does not show
 
 
 def test_without_it_none_is_made(learnt: IdentificationResult) -> None:

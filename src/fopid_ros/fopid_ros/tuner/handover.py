@@ -1,13 +1,24 @@
-"""What ``verify.certify`` and ``verify.box`` ask of gains that ~/tune is to apply."""
+"""What gains must fulfil that ~/tune is to apply: as the controller runs them, and proved where that is asked for."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
     from fopid_core.design.specification import TuningRequest, TuningResult
+
+
+def refusal(wanted: TuningRequest, result: TuningResult, sample_time: float, values: dict[str, Any]) -> str:
+    """Why a design is not applied to a controller with this tick [s], whatever tick it was made for; empty if it is."""
+    from fopid_core.design.acceptance import rejection_reason
+    from fopid_core.design.sampled_loop import running
+
+    if result.controller is not None and sample_time != wanted.sample_time:
+        result = replace(result, running=running(wanted.process, result.controller, sample_time, result.filter))
+    return rejection_reason(result, sample_time, values["verify.ms_max"], values["verify.ticks"])
 
 
 def proof(wanted: TuningRequest, result: TuningResult, values: dict[str, Any]) -> tuple[str, str]:
