@@ -25,6 +25,7 @@ MS_RANGE = (1.1, 2.5)
 EFFORT_RANGE = (1.0, defaults.U_MAX)
 """From slow to fast: the control's peak, times the control that holds the setpoint."""
 
+_NOTHING = 1e-9
 FRONT_MS = (1.2, 1.3, 1.4, 1.5, 1.6, 1.8, 2.0, 2.3)
 
 
@@ -114,11 +115,17 @@ def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:
     return abs(math.log(one[0] / other[0])) + abs(math.log(one[1] / other[1]))
 
 
+def _readable(value: float, beside: float) -> float:
+    """Five digits, and 0 for what a search leaves of a gain it does without."""
+    return 0.0 if abs(value) < _NOTHING * beside else float(f"{value:.5g}")
+
+
 def described(structure: str, ms_max: float, design: TimeDesign | None) -> dict[str, Any]:
     """A design as JSON knows it, its gains with five digits; null where there is none."""
     if design is None:
         return {"structure": structure, "ms_max": ms_max, "met": False, "gains": None, "cost": None, "ms": None,
                 "control_peak": None}  # fmt: skip
-    gains = {name: float(f"{getattr(design.controller, name):.5g}") for name in ("kp", "ki", "kd", "lam", "mu")}
+    sizes = [abs(getattr(design.controller, name)) for name in ("kp", "ki", "kd")]
+    gains = {name: _readable(getattr(design.controller, name), max(sizes)) for name in ("kp", "ki", "kd", "lam", "mu")}
     return {"structure": structure, "ms_max": ms_max, "met": design.met, "gains": gains, "cost": design.cost,
             "ms": design.ms, "control_peak": design.control_peak}  # fmt: skip

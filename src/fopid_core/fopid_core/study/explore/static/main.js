@@ -14,7 +14,7 @@ const page = { process: null, about: null, baseline: null, gains: null, horizon:
 
 const prediction = createPrediction(at("prediction"), (fields) => ask("predict", fields));
 const sliders = createSliders(at("sliders"), (gains) => take(gains, { begun: performance.now() }));
-const front = startFront(at("front"), (design) => take(design.gains, { sliders: true }));
+const front = startFront(at("front"), (design) => take(design.gains, { sliders: true, name: design.structure.toUpperCase() }));
 const wishes = startWishes({ ask, take, front, state: page });
 const comparison = startComparison({ ask, take, state: page });
 const taking = startTaking({ ask, state: page });
@@ -23,13 +23,14 @@ startLearning({ ask, use: useProcess });
 function show(begun) {
   if (!page.about) return;
   const sets = [{ label: "baseline", kind: "baseline", gains: page.baseline }, ...page.others,
-    { label: "new", kind: "new", gains: page.gains }];
+    { label: page.name ? `new, ${page.name}` : "new", kind: "new", gains: page.gains }];
   prediction.show({ process: page.process, sets, horizon: page.horizon, begun });
 }
 
 // New gains, from wherever: the sliders show them and the picture follows; `others` are drawn beside them.
-function take(gains, { begun, sliders: moved, others = [] } = {}) {
+function take(gains, { begun, sliders: moved, others = [], name = "" } = {}) {
   page.gains = gains;
+  page.name = name;
   page.others = others;
   if (moved) sliders.set(gains);
   show(begun);

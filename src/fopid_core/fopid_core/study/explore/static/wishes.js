@@ -61,7 +61,7 @@ export function startWishes({ ask, take, front, state }) {
     const design = designs.find(({ structure }) => structure === chosen);
     const others = designs.filter(({ structure, gains, met }) => structure !== chosen && gains && met)
       .map(({ structure, gains }) => ({ label: LABELS[structure], kind: structure, gains }));
-    if (design?.gains) take(design.gains, { sliders: true, others, begun: performance.now() });
+    if (design?.gains) take(design.gains, { sliders: true, others, name: LABELS[chosen], begun: performance.now() });
   }
 
   async function showStructures() {
