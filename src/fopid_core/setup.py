@@ -24,6 +24,7 @@ EXTRAS = {
     "control": ["control>=0.10"],
     "certify": ["python-flint"],
     "explore": ["tornado>=6.4,<7"],
+    "limit": ["clarabel", "cvxpy-base>=1.4"],
     "benchmark": ["control>=0.10", "pyarrow>=20", "simple-pid"],
     "test": ["hypothesis", "mpmath", "pytest"],
 }

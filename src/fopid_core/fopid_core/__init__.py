@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fopid_core.api.comparing import compare, front
     from fopid_core.api.learning import identify, reduce, tune
+    from fopid_core.api.limiting import limit
     from fopid_core.api.looking import evaluate, margins, simulate, stability, step_response
     from fopid_core.design.specification import Bound
     from fopid_core.errors import InputError
@@ -43,6 +44,7 @@ _HOME = {
     "evaluate": "api.looking",
     "from_control": "model.rational",
     "identify": "api.learning",
+    "limit": "api.limiting",
     "margins": "api.looking",
     "read_gains": "model.fopid",
     "read_process": "model.process",
@@ -68,6 +70,7 @@ __all__ = [
     "from_control",
     "front",
     "identify",
+    "limit",
     "margins",
     "read_gains",
     "read_process",

@@ -63,6 +63,7 @@ LINES = (
     "reproduce --out paper",
     "compare 1/(s+1)*exp(-0.5s)",
     "front 1/(s+1)*exp(-0.5s) --structure pi --points 20 --plot front.png --csv front.csv --take 3",
+    "limit 1/(s+1)*exp(-0.5s) --cells 60",
     f"schedule {SCHEDULE}",
 )
 

@@ -20,6 +20,7 @@ from fopid_core.errors import InputError
 if TYPE_CHECKING:
     from fopid_core.study.campaigns.campaign import Campaign
     from fopid_core.study.campaigns.run import CampaignProgress
+    from fopid_core.study.verdict.survey import Survey
 
 
 @click.command("campaign", context_settings=ARGUMENTS)
@@ -31,21 +32,22 @@ if TYPE_CHECKING:
 @click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster, whose workers do the work instead.")
 @as_json
 def campaign_verb(file: Path, out: Path | None, workers: int | None, scheduler: str | None, as_json: bool) -> None:
-    """Designs on processes and their variations: one row per run. Start it again to go on after a kill."""
+    """Designs on varied processes, or a survey of structures: one row per run. Start it again to go on after a kill."""
     from fopid_core.study.campaigns.campaign import read_campaign
     from fopid_core.study.campaigns.run import read_results, run_campaign
+    from fopid_core.study.verdict.survey import is_survey, read_survey
 
     if workers is not None and scheduler is not None:
         raise InputError(f"workers = {workers} with a scheduler; allowed: one of the two")
     workers = len(os.sched_getaffinity(0)) if workers is None else workers
     if workers < 1:
         raise InputError(f"workers = {workers}; allowed: 1 or more")
-    campaign = read_campaign(file)
+    campaign: Campaign | Survey = read_survey(file) if is_survey(file) else read_campaign(file)
     out = out or Path("runs") / f"{campaign.name}.parquet"
     begun = time.monotonic()
     with progress(campaign.name) as bar:
         kept = run_campaign(campaign, out, workers, scheduler, _Told(bar))
-    results = read_results(out)
+    results = read_results(out, campaign.schema)
     counts = {pair["values"]: pair["counts"] for pair in results["status"].value_counts().to_pylist()}
     data: dict[str, Any] = {"results": str(out), "runs": campaign.runs, "done_before": kept, "status": counts}
     data |= {"elapsed_s": time.monotonic() - begun, **_draw(campaign, out)}
@@ -74,7 +76,7 @@ def _duration(seconds: float) -> str:
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
-def _draw(campaign: Campaign, out: Path) -> dict[str, str]:
+def _draw(campaign: Campaign | Survey, out: Path) -> dict[str, str]:
     """Figure and summary, where the campaign asks for one."""
     if not campaign.figure:
         return {}

@@ -17,6 +17,7 @@ EXTRA = {
     "control": "control",
     "flint": "certify",
     "tornado": "explore",
+    "cvxpy": "limit",
     "simple_pid": "benchmark",
 }
 """Module -> the extra of ``fopid_core`` that brings it."""

@@ -24,6 +24,7 @@ from fopid_core.cli.export import export_verb
 from fopid_core.cli.extras import missing
 from fopid_core.cli.front import front_verb
 from fopid_core.cli.identify import identify_verb
+from fopid_core.cli.limit import limit_verb
 from fopid_core.cli.options import (
     ARGUMENTS,
     BAD_INPUT,
@@ -114,6 +115,7 @@ main.add_command(simulate_verb)
 main.add_command(certify_verb)
 main.add_command(compare_verb)
 main.add_command(front_verb)
+main.add_command(limit_verb)
 main.add_command(campaign_verb)
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from graphlib import TopologicalSorter
 
 import numpy as np
 
@@ -210,14 +211,17 @@ def _aliases(process: Process, h: float, theta: Floats) -> Complexes:
 def sampled_controller(controller: FopidController, theta: Floats) -> Complexes:
     """C(z) at z = exp(j theta) from the measurement to the control, its sign turned, limits left out; shape (n,)."""
     gains, matrix, size = controller.settings.gains, controller.operators.matrix, controller.operators.size
-    z = np.exp(1j * theta)[:, np.newaxis, np.newaxis]
+    z = np.exp(1j * theta)
     # One signal drives both: the error is what is integrated and what is differentiated.
-    a, b = matrix[:size, :size], (matrix[:size, -2] + matrix[:size, -1])[:, np.newaxis]
+    a, b = matrix[:size, :size], matrix[:size, -2] + matrix[:size, -1]
     read = np.array([gains.ki, gains.kd]) @ matrix[-2:]
-    direct = gains.kp + read[-2] + read[-1]
-    answer = np.linalg.solve(z * np.eye(size) - a, b[np.newaxis])
-    value = np.asarray((read[:size] @ answer)[:, 0] + direct)
+    # Few of the states depend on others and none on itself through others: each in its turn, not a system of them all.
+    needs = {i: [j for j in np.flatnonzero(a[i]).tolist() if j != i] for i in range(size)}
+    remembered = np.empty((size, theta.size), dtype=np.complex128)
+    for i in TopologicalSorter(needs).static_order():
+        remembered[i] = (b[i] + a[i, needs[i]] @ remembered[needs[i]]) / (z - a[i, i])
+    value = np.asarray(read[:size] @ remembered + gains.kp + read[-2] + read[-1])
     slow = controller.settings.measurement_filter
     if slow.is_idle:
         return value
-    return value * FilterStep.of(slow, controller.settings.sample_time).response(np.exp(1j * theta))
+    return value * FilterStep.of(slow, controller.settings.sample_time).response(z)

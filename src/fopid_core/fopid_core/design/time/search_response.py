@@ -99,6 +99,11 @@ class ResponseGrid:
         self._inverse_gain = 0.0 if process.integrating_order > 0 else 1.0 / process.steady_state_gain
         self._taper = _taper(points + 1)
 
+    @property
+    def line(self) -> Complex:
+        """Where transforms are taken, s = a + j w, shape (points + 1,)."""
+        return self._s
+
     def errors(self, gains: Real, parts: Parts | None = None) -> Real:
         """Setpoint minus output, shape (n, points + 1), for rows of variables; with ``parts`` known it is quicker."""
         forward, loop = parts or self.parts(gains)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -15,10 +15,13 @@ from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
-from fopid_core.study.campaigns.columns import MEASURES, SPECIFICATION, VARIED
+from fopid_core.study.campaigns.columns import MEASURES, SCHEMA, SPECIFICATION, VARIED
 from fopid_core.study.experiments.loop_parameters import GAIN_KEYS
 from fopid_core.study.experiments.tune_call import TuneCall
 from fopid_core.study.experiments.yaml_schema import Keys, SchemaError, check_name, read_yaml, yaml_text
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 MOST_RUNS = 10_000_000
 RUNS_AT_ONCE = 500
@@ -282,6 +285,14 @@ class Campaign:
         for start in groups[::together]:
             for first, end in pairwise(ends):
                 yield Task(tuple(groups[start : start + together]), first, end)
+
+    schema = SCHEMA
+
+    def run(self, task: Task) -> pa.Table:
+        """The rows of one task."""
+        from fopid_core.study.campaigns.task import run_task  # slow to import, and done in parallel by the workers
+
+        return run_task(self, task)
 
     @property
     def work(self) -> str:

@@ -20,19 +20,42 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
 from fopid_core.errors import InputError
-from fopid_core.study.campaigns.campaign import Campaign, Task
+from fopid_core.study.campaigns.campaign import Task
 from fopid_core.study.campaigns.columns import SCHEMA
 
 SUFFIXES = (".parquet", ".csv")
 CONNECT_TIME = 20
 """How long a scheduler may take to answer, and to have a worker [s]."""
+
+
+class Runnable(Protocol):
+    """What can be run: a campaign of designs and variations, a survey of structures."""
+
+    @property
+    def runs(self) -> int:
+        """Rows of the result."""
+
+    @property
+    def work(self) -> str:
+        """What is run, as text: parts of a different work are not put together."""
+
+    @property
+    def schema(self) -> pa.Schema:
+        """Columns of the result."""
+
+    def tasks(self) -> Iterable[Task]:
+        """The whole work in pieces, in the order of the rows."""
+
+    def run(self, task: Task) -> pa.Table:
+        """The rows of one piece."""
+
 
 Work = Callable[[Task], pa.Table]
 Done = Iterator[tuple[Task, pa.Table]]
@@ -56,7 +79,7 @@ class CampaignProgress:
 
 
 def run_campaign(
-    campaign: Campaign,
+    campaign: Runnable,
     out: Path,
     workers: int = 1,
     scheduler: str | None = None,
@@ -66,7 +89,7 @@ def run_campaign(
 
     Parameters
     ----------
-    campaign : Campaign
+    campaign : Runnable
     out : Path
         The result, ``.parquet`` or ``.csv``; while it is being worked on, ``out.parts`` is a folder beside it, and
         ``out.campaign.yaml`` says afterwards what was run.
@@ -107,7 +130,7 @@ def _sidecar(out: Path, kind: str) -> Path:
     return out.with_name(f"{out.name}.{kind}")
 
 
-def _is_finished(campaign: Campaign, out: Path) -> bool:
+def _is_finished(campaign: Runnable, out: Path) -> bool:
     if not out.exists():
         return False
     told = _sidecar(out, "campaign.yaml")
@@ -117,7 +140,7 @@ def _is_finished(campaign: Campaign, out: Path) -> bool:
 
 
 @contextmanager
-def _claimed(campaign: Campaign, out: Path) -> Iterator[Path]:
+def _claimed(campaign: Runnable, out: Path) -> Iterator[Path]:
     """The folder of parts, for this process alone and for this campaign alone."""
     folder = _sidecar(out, "parts")
     folder.mkdir(parents=True, exist_ok=True)
@@ -158,7 +181,7 @@ def _is_done(part: Path, task: Task) -> bool:
 
 
 def _run_tasks(
-    campaign: Campaign,
+    campaign: Runnable,
     folder: Path,
     executor: Callable[[Work, list[Task]], Done],
     report: Callable[[CampaignProgress], object],
@@ -169,18 +192,12 @@ def _run_tasks(
     kept = done = total - sum(task.runs for task in left)
     report(CampaignProgress(done, total, float("nan")))
     begun = time.monotonic()
-    for task, table in executor(partial(_work, campaign), left) if left else ():
+    for task, table in executor(campaign.run, left) if left else ():
         _write_whole(_part(folder, task), partial(pa.parquet.write_table, table))
         done += task.runs
         each = (time.monotonic() - begun) / (done - kept)
         report(CampaignProgress(done, total, each * (total - done)))
     return kept
-
-
-def _work(campaign: Campaign, task: Task) -> pa.Table:
-    from fopid_core.study.campaigns.task import run_task  # slow to import, and done in parallel by the workers
-
-    return run_task(campaign, task)
 
 
 def _on_this_machine(work: Work, tasks: list[Task], workers: int) -> Done:
@@ -242,33 +259,37 @@ def _require_workers(client: Any, address: str) -> None:
         raise InputError(f"scheduler = {address!r} has no workers; start some: dask worker {address}") from None
 
 
-def _assemble(campaign: Campaign, folder: Path, out: Path) -> None:
+def _assemble(campaign: Runnable, folder: Path, out: Path) -> None:
     """All parts in the order of the runs, as one file; the parts are then gone."""
     parts = (pa.parquet.read_table(_part(folder, task)) for task in campaign.tasks())
     _write_whole(_sidecar(out, "campaign.yaml"), lambda path: path.write_text(campaign.work, encoding="utf-8"))
-    _write_whole(out, lambda path: _write_tables(parts, path, out.suffix))
+    _write_whole(out, lambda path: _write_tables(parts, campaign.schema, path, out.suffix))
     shutil.rmtree(folder)
 
 
-def _write_tables(tables: Iterable[pa.Table], path: Path, suffix: str) -> None:
+def _write_tables(tables: Iterable[pa.Table], schema: pa.Schema, path: Path, suffix: str) -> None:
     writer = pa.parquet.ParquetWriter if suffix == ".parquet" else pa.csv.CSVWriter
-    with writer(path, SCHEMA) as file:
+    with writer(path, schema) as file:
         for table in tables:
             file.write_table(table)
 
 
-def read_results(path: Path) -> pa.Table:
-    """The result of a campaign.
+def read_results(path: Path, schema: pa.Schema = SCHEMA) -> pa.Table:
+    """The result of a campaign, or what there is of one that is not finished: of its folder of parts.
 
     Raises
     ------
     InputError
         If it cannot be read.
     """
+    parts = _sidecar(path, "parts")
     try:
+        if not path.exists() and parts.is_dir():
+            done = sorted(parts.glob("*.parquet"))
+            return pa.concat_tables([schema.empty_table(), *(pa.parquet.read_table(part) for part in done)])
         if path.suffix == ".parquet":
             return pa.parquet.read_table(path)
-        types = pa.csv.ConvertOptions(column_types=dict(zip(SCHEMA.names, SCHEMA.types, strict=True)),
+        types = pa.csv.ConvertOptions(column_types=dict(zip(schema.names, schema.types, strict=True)),
                                       strings_can_be_null=True, quoted_strings_can_be_null=False)  # fmt: skip
         return pa.csv.read_csv(path, convert_options=types)
     except (OSError, pa.ArrowInvalid) as error:
