@@ -79,8 +79,11 @@ def test_every_controller_has_a_row_within_the_bounds_and_none_is_worse_than_wha
     assert tuple(rows) == CONTROLLERS
     assert {row["status"] for row in rows.values()} == {"ok"}
     iae = {name: row["iae_load"] for name, row in rows.items()}
-    for larger, smaller in (("pid", "pi"), ("fopi", "pi"), ("fopid", "pid"), ("high order", "fopid")):
+    for larger, smaller in (("pid", "pi"), ("fopi", "pi"), ("fopid", "pid")):
         assert iae[larger] <= 1.001 * iae[smaller]
+    assert (
+        iae["high order"] <= 1.02 * iae["fopid"]
+    )  # the best near it with other poles than it has: not for certain better
     assert iae["pi"] == pytest.approx(0.9495, rel=2e-3)  # one PI on a grid of gains, by hand
     for row in rows.values():
         assert max(row["ms"], row["mt"]) <= 1.6 * 1.002

@@ -92,7 +92,7 @@ def lower_bound(task: Task, horizon: float, cells: int) -> tuple[float, float]:
     cells : int
         Up to there.
     """
-    first = max(1, round(task.delay * cells / horizon)) if task.delay else 0
+    first = round(task.delay * cells / horizon)  # one shorter than half a cell counts for none: no less true
     step = task.delay / first if first else horizon / cells
     return _Dual(task, step, max(math.ceil(horizon / step), first + 4), first).solve()
 

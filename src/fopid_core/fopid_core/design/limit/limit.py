@@ -20,7 +20,9 @@ INDICES = ("iae", "ise")
 INPUTS = ("load", "setpoint")
 CELLS = 160
 """Of the horizon; the bound is worked out for half as many as well."""
-TURNS, DELAYS = 8.0, 10.0
+DOUBT = 2.0
+"""How much more a finer grid may bring than its last doubling did."""
+TURNS, DELAYS = 5.0, 10.0
 """Default horizon, in radians of the natural crossover, or in delays."""
 FADED = 14.0
 """A zero to the right counts where exp(-14) of its term is left at the horizon."""
@@ -137,7 +139,7 @@ def limit(
             zeros[zeros.real * until >= FADED], ms, _on_t(process, on_t, noise, sample_time), index == "ise",
         )  # fmt: skip
         (fine, took), (coarse, before) = (lower_bound(task, until, count) for count in (cells, max(cells // 2, 8)))
-        error, took, used = abs(fine - coarse), took + before, cells
+        error, took, used = DOUBT * abs(fine - coarse), took + before, cells
         bound = max(bound, fine, coarse)
     return Limit(bound, error, index, input, ms, mt, noise, until, used, took, clock() - begun)
 

@@ -32,6 +32,8 @@ NEAR = (1.0 / 50.0, 300.0)
 DENSITY = 20
 """Frequencies in each band."""
 STEP = 1e-6
+WITHIN = 1.001
+"""How far above its bound a peak may be, relative."""
 WIDE = 1e4
 """Of every weight, either way, in units of the process's gain."""
 
@@ -46,6 +48,7 @@ class HighOrder:
     noise_gain: float
     filter_time: float
     final_error: float
+    is_within: bool
 
 
 class HighOrderProblem:
@@ -55,7 +58,8 @@ class HighOrderProblem:
         self, start: Loop, poles: Floats, limits: tuple[float, float, float], horizon: float, points: int, speed: float,
         gain: float, nyquist: float, density: int = DENSITY,
     ) -> None:  # fmt: skip
-        self._start, self._poles, self._limits, self._order = start, poles, limits, start.filter.order
+        self._start, self._poles, self._order = start, poles, start.filter.order
+        self.limits: tuple[float, ...] = limits
         self._grid = ResponseGrid(start.process, horizon, points, speed)
         self._log_w = math.log(speed) + math.log(10.0) * np.linspace(-2.5, 2.5, density * BANDS)
         self._log_noise_w = np.linspace(math.log(0.1 * speed), math.log(nyquist), 5 * density)
@@ -103,7 +107,7 @@ class HighOrderProblem:
 
     def slack(self, rows: Floats) -> Floats:
         """What is left to each bound, relative, shape (n, bounds)."""
-        parts = [math.log(limit) + least for limit, least in zip(self._limits, self.peaks(rows), strict=True)]
+        parts = [math.log(limit) + least for limit, least in zip(self.limits, self.peaks(rows), strict=True)]
         return np.concatenate(parts, axis=1) - SAFE
 
     def cost_and_slack(self, rows: Floats) -> tuple[Floats, Floats]:
@@ -169,9 +173,16 @@ def high_order(
     row = problem.fitted()
     if not problem.follows(row):
         return None
-    found = begin(problem, row[None])[0]  # type: ignore[arg-type]
-    for _ in range(ROUNDS):
-        found = descend(problem, fresh(found), STEPS, 1e-4)  # type: ignore[arg-type]
     fine = HighOrderProblem(*args, density=4 * DENSITY)
-    ms, mt, noise = (float(np.exp(-least.min())) for least in fine.peaks(found.gains[None]))
-    return HighOrder(found.cost, ms, mt, noise, float(found.gains[-1]), problem.final_error(found.gains))
+    for _ in range(ROUNDS):
+        found = begin(problem, row[None])[0]  # type: ignore[arg-type]
+        for _ in range(ROUNDS):
+            found = descend(problem, fresh(found), STEPS, 1e-4)  # type: ignore[arg-type]
+        row = found.gains
+        ms, mt, noise = (float(np.exp(-least.min())) for least in fine.peaks(row[None]))
+        over = [peak / limit for peak, limit in zip((ms, mt, noise), limits, strict=True)]
+        if max(over) <= WITHIN:
+            break
+        # What the search's grid did not show is kept clear of in the next round.
+        problem.limits = tuple(limit / max(part, 1.0) for limit, part in zip(problem.limits, over, strict=True))
+    return HighOrder(found.cost, ms, mt, noise, float(row[-1]), problem.final_error(row), max(over) <= WITHIN)
