@@ -88,6 +88,10 @@ bench: venv ## Measure the performance figures, each beside its baseline, into d
 	@"$(BIN)/fopid_ros_benchmark" --json >build/benchmark_ros.json
 	@"$(BIN)/python" tools/performance_table.py build/benchmark_core.json build/benchmark_ros.json docs/performance.md
 
+.PHONY: plants
+plants: venv ## Compare start gains, rules, autotuning and the best known on foreign plants, into docs/plants.md [ARGS=crane]
+	@"$(BIN)/python" examples/plants/compare.py $(if $(ARGS),$(ARGS),--out docs/plants.md)
+
 .PHONY: docs
 docs: venv ## Build the documentation, into build/docs
 	@"$(BIN)/sphinx-build" --fail-on-warning --keep-going --quiet -d build/doctrees docs build/docs

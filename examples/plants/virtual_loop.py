@@ -14,10 +14,16 @@ import numpy as np
 from foreign_plants.gallery import Exhibit
 
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.controller import ControllerSettings, FopidController
+from fopid_ros.tuner.controller_client import RunningDesign
 from fopid_ros.tuner.learning.history import SIGNALS, History
 from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.loop_wait import Stage
+
+TUNED = (
+    "gains", "measurement_filter_order", "measurement_filter_time", "setpoint_weight", "derivative_setpoint_weight",
+)  # fmt: skip
 
 
 class TooLongError(Exception):
@@ -102,6 +108,15 @@ class VirtualLoop:
             self.tick()
         return first
 
+    def set(self, **settings: Any) -> None:
+        """Change settings of the controller."""
+        self.controller.reconfigure(replace(self.controller.settings, **settings))
+
+    def tuned_settings(self) -> dict[str, Any]:
+        """What a tuning may have changed of the controller's settings."""
+        settings = self.controller.settings
+        return {name: getattr(settings, name) for name in TUNED}
+
     # The tap.
 
     def set_tick_hook(self, hook: Callable[[Tick], None] | None) -> None:
@@ -126,18 +141,23 @@ class VirtualLoop:
     def gains(self) -> Fopid:
         return self.controller.settings.gains
 
-    def apply(self, gains: Fopid, status: str = "", certificate: str = "") -> Fopid:
+    def design(self) -> RunningDesign:
+        gains, order, time, proportional, derivative = self.tuned_settings().values()
+        return RunningDesign(gains, MeasurementFilter(order, time), SetpointWeights(proportional, derivative))
+
+    def apply(self, design: RunningDesign, status: str = "", certificate: str = "") -> RunningDesign:
         del certificate  # nobody here shows it
-        before = self.gains()
-        self.controller.reconfigure(replace(self.controller.settings, gains=gains))
+        before, weights = self.design(), design.weights or self.design().weights
+        values = (design.gains, design.filter.order, design.filter.time, weights.proportional, weights.derivative)
+        self.set(**dict(zip(TUNED, values, strict=True)))
         self.statuses.append(status)
         return before
 
     def renew_trial(self) -> None:
         pass
 
-    def confirm(self, gains: Fopid) -> None:
-        self.statuses.append("verified" if gains == self.gains() else "not in force")
+    def confirm(self, design: RunningDesign) -> None:
+        self.statuses.append("verified" if design.is_same_loop(self.design()) else "not in force")
 
     # The wait.
 

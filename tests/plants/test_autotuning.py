@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,18 +12,17 @@ from virtual_loop import VirtualLoop
 
 from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.specification import TuningRequest
-from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
 from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria
 
 
-def errors(name: str, gains: Fopid) -> tuple[float, float]:
+def errors(name: str, **settings: Any) -> tuple[float, float]:
     """Integral of the absolute true error after a step of the setpoint and of the load."""
     exhibit = GALLERY[name]
     loop = VirtualLoop(exhibit, seed=11)
-    loop.apply(gains)
+    loop.set(**settings)
     loop.run(0.3 * exhibit.horizon)
     loop.setpoint += exhibit.move
     first = loop.run(exhibit.horizon)
@@ -45,6 +45,6 @@ def test_new_gains_beat_those_that_ran(name: str) -> None:
     outcome = Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", criteria, False), loop).run()  # type: ignore[arg-type]
     assert outcome.success, outcome.message
     assert loop.statuses == ["trial", "verified"]
-    before, after = errors(name, Fopid(*exhibit.gains, 1.0, 1.0)), errors(name, loop.gains())
+    before, after = errors(name), errors(name, **loop.tuned_settings())
     assert after[0] < before[0]
     assert after[1] < before[1]

@@ -9,10 +9,12 @@ import pytest
 
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import Record
-from fopid_core.design.improvement import RunningGains, improve, loop_worth, noise_gain
+from fopid_core.design.improvement import RunningGains, improve
+from fopid_core.design.loop_worth import loop_worth, noise_gain
 from fopid_core.design.robust_verification import RobustLimits, tune_robustly
 from fopid_core.design.specification import TuningRequest
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.plant import Plant, PlantSettings
@@ -69,12 +71,12 @@ def test_of_several_methods_the_best_is_taken(learnt: IdentificationResult) -> N
     assert found.success, found.message
     alone = improve(learnt, request(learnt), LIMITS, running, compare=False)
     best, first = (
-        loop_worth(learnt.best.process, one.tuned.tuning.controller, 0.05, 50.0)  # type: ignore[union-attr,arg-type]
-        for one in (found, alone)
+        loop_worth(Loop(learnt.best.process, tuning.controller, tuning.filter, tuning.weights), 0.05, 50.0)  # type: ignore[union-attr,arg-type]
+        for tuning in (found.tuned.tuning, alone.tuned.tuning)
     )
     assert not alone.success  # the one method asked for is too noisy
     assert best.noise_gain <= 5.0 < first.noise_gain
-    before = loop_worth(learnt.best.process, WEAK, 0.05, 50.0)
+    before = loop_worth(Loop(learnt.best.process, WEAK), 0.05, 50.0)
     assert best.load < before.load
     assert best.setpoint < before.setpoint
 
@@ -99,8 +101,8 @@ def test_the_noise_gain_is_that_of_the_simulated_loop() -> None:
     controls = [
         controller.step(0.0, plant.measurement) for _ in range(20000) if plant.step(controller.state.control) < 9
     ]
-    assert np.std(controls) == pytest.approx(noise_gain(Process.parse("1/(s+1)"), GOOD, 0.05), rel=0.03)
+    assert np.std(controls) == pytest.approx(noise_gain(Loop(Process.parse("1/(s+1)"), GOOD), 0.05), rel=0.03)
 
 
 def test_gains_that_do_not_hold_the_process_are_worth_nothing() -> None:
-    assert loop_worth(Process.parse("1/(s+1)^3"), Fopid(20.0), 0.01, 10.0).load == math.inf
+    assert loop_worth(Loop(Process.parse("1/(s+1)^3"), Fopid(20.0)), 0.01, 10.0).load == math.inf

@@ -4,103 +4,56 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fopid_core.design.identification.identify import IdentificationResult
-from fopid_core.design.robust_verification import RobustLimits, RobustTuning, as_held, tune_robustly
-from fopid_core.design.sampled_loop import sampled_controller, sampled_process
-from fopid_core.design.specification import Clock, TuningRequest
+from fopid_core.design.loop_worth import LoopWorth, loop_worth, noise_gain
+from fopid_core.design.robust_verification import (
+    UNSEEN,
+    RobustLimits,
+    RobustTuning,
+    as_held,
+    first_request,
+    tune_robustly,
+)
+from fopid_core.design.specification import Clock, TuningRequest, TuningResult
 from fopid_core.design.time.proposal import settling_horizon
+from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError
 from fopid_core.model.evaluation import default_horizon
 from fopid_core.model.fopid import Fopid
-from fopid_core.model.indices import indices
 from fopid_core.model.loop import Loop
-from fopid_core.model.margins import margins
 from fopid_core.model.process import Process
-from fopid_core.model.response import step_response
 from fopid_core.model.stability import stability
-from fopid_core.runtime.controller import FopidController
-from fopid_core.runtime.settings import ControllerSettings
+from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
 
 WORSE, BETTER = 1.05, 0.95
 """By which factor an index may grow, and to which both together must fall, so that new gains beat the old ones."""
 LOAD_WEIGHT = 2.0 / 3.0
 """Of the load in what is best; the rest is the setpoint's."""
+LOAD_WEIGHTED = 2.0
+"""The same in the search of a design in time, whose index is a sum."""
 MS_MAX = 1.8
 """Of the designs in time that are tried."""
-CLEAR = 0.99
+STRUCTURES, FILTER_ORDER = ("pi", "pid", "fopid"), 2
+"""Of those designs, and the order of their filter of the measurement, whose time is chosen with the gains."""
+CLEAR = 0.95
 """Share of a bound on the noise gain that is aimed at where a design broke it."""
+QUIETER = (0.5, 0.25, 0.125)
+"""Shares of the control's movement from noise that is allowed, which are tried as well."""
+QUIET_WEIGHT, LEAST_SHARE = 0.4, 0.05
+"""Half the movement is worth a quarter of the error: 2^-0.4; below that share of what is allowed nobody feels it."""
+MOST_VERIFIED = 4
+"""So many designs are verified on all that the record leaves possible, which takes longest."""
+LARGEST = 100.0
+"""Gains searched up to, in units of the process's gain about where a controller would work."""
 SLOWER = (0.5, 0.25)
 """Shares of a crossover that are tried where noise moves the control too much."""
 RULES = ("amigo-pid", "amigo-pi", "simc-pi")
 _POINTS, _DECADES, _LEAST = 600, (-7.0, 7.0), 1e-9
-
-
-@dataclass(frozen=True)
-class LoopWorth:
-    """What gains are worth on a process.
-
-    Attributes
-    ----------
-    setpoint, load : float
-        Integral of the absolute error after a unit step of each, over the same horizon; infinite for an unstable loop.
-    ms : float
-        max |S|.
-    noise_gain : float
-        Standard deviation of the control over that of white noise of the measurement, at the ticks.
-    """
-
-    setpoint: float
-    load: float
-    ms: float
-    noise_gain: float
-
-    def __str__(self) -> str:
-        return (
-            f"IAE {self.setpoint:.4g} to a setpoint step and {self.load:.4g} to a load step, Ms {self.ms:.3g}, "
-            f"noise gain {self.noise_gain:.3g}"
-        )
-
-
-def loop_worth(process: Process, gains: Fopid, sample_time: float, horizon: float) -> LoopWorth:
-    """Judge gains on a process.
-
-    Examples
-    --------
-    >>> judged = loop_worth(Process.parse("1/(s+1)"), Fopid(kp=1.0, ki=1.0), 0.01, 50.0)
-    >>> round(judged.setpoint, 3), round(judged.load, 3)  # 1/(s+1) and s/(s+1)^2
-    (1.0, 1.0)
-    """
-    loop = Loop(process, gains)
-    if not stability(loop).stable:
-        return LoopWorth(math.inf, math.inf, math.inf, math.inf)
-    errors = []
-    for source in ("setpoint", "load"):
-        try:
-            response = step_response(loop, horizon, source)
-            errors.append(indices(response.time, response.error).iae)
-        except InputError:  # near the border of stability the response is not known
-            errors.append(math.inf)
-    return LoopWorth(errors[0], errors[1], margins(loop).ms, noise_gain(process, gains, sample_time))
-
-
-def noise_gain(process: Process, gains: Fopid, sample_time: float) -> float:
-    """Root mean square of |C S| of the sampled loop over all frequencies up to the Nyquist frequency.
-
-    Examples
-    --------
-    >>> round(noise_gain(Process.parse("0.001/(s+1)"), Fopid(kp=2.0), 0.01), 3)
-    2.0
-    """
-    theta = np.union1d(np.geomspace(1e-6, math.pi, _POINTS), np.linspace(0.0, math.pi, _POINTS + 1)[1:])
-    controller = sampled_controller(FopidController(ControllerSettings(gains, sample_time)), theta)
-    gain = np.abs(controller / (1.0 + controller * sampled_process(process, sample_time, theta))) ** 2
-    area = float(np.sum(0.5 * (gain[1:] + gain[:-1]) * np.diff(theta)))
-    return math.sqrt(area / math.pi)
 
 
 @dataclass(frozen=True)
@@ -115,11 +68,18 @@ class RunningGains:
     control_movement : float
         Standard deviation of the control, from that noise, that new gains may cause; what the running ones cause is
         allowed in any case.
+    control_peak : float
+        How far a unit step of the setpoint may take the control, by its limits; infinite for none.
+    filter, weights
+        Of the measurement and of the setpoint, that run with the gains.
     """
 
     gains: Fopid
     noise: float = 0.0
     control_movement: float = math.inf
+    control_peak: float = math.inf
+    filter: MeasurementFilter = NO_FILTER
+    weights: SetpointWeights = WHOLE_SETPOINT
 
 
 @dataclass(frozen=True)
@@ -169,25 +129,45 @@ def improve(
     if not identified.success or identified.best is None:
         return Improvement(False, identified.message, tune_robustly(identified, request, limits, clock))
     judge = _Judge(identified.best.process, request.sample_time, running, limits.ms_max)
-    best: tuple[float, RobustTuning, str] | None = None
-    refused: list[tuple[RobustTuning, str]] = []
-    for wanted in _requests(request, judge, compare):
-        tuned = _tuned(identified, wanted, limits, clock)
-        reason = "" if tuned is None or tuned.success else tuned.message
+    trial = _Trial(identified, limits, refuse, clock, judge, [])
+    for promised, wanted in _promising(identified, request, judge) if compare else ():
+        if judge.best is not None and judge.best[0] <= promised:
+            break
+        trial.make(wanted)
+    if judge.best is None:
+        trial.make(request)
+        if request.method == "frequency" and judge.crossover and judge.noise_excess > 1.0:
+            for share in SLOWER:
+                trial.make(replace(request, crossover=share * judge.crossover))
+    if judge.best is None:
+        tuned, reason = trial.refused[0]
+        return Improvement(False, f"{reason}; none of {len(trial.refused)} designs is better than what runs", tuned)
+    _, tuned, wanted = judge.best
+    return Improvement(True, f"{tuned.message}; {judge.told(tuned, wanted.rule or wanted.method)}", tuned)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Designs, verified on all that the record leaves possible; those refused, with the reason."""
+
+    identified: IdentificationResult
+    limits: RobustLimits
+    refuse: Callable[[RobustTuning], str]
+    clock: Clock
+    judge: _Judge
+    refused: list[tuple[RobustTuning, str]]
+
+    def make(self, wanted: TuningRequest) -> None:
+        """Make a design; the judge keeps it if it is the best."""
+        tuned = _tuned(self.identified, wanted, self.limits, self.clock)
         if tuned is None:
-            continue
-        reason = reason or refuse(tuned) or judge.reason(tuned)
+            return
+        reason = "" if tuned.success else tuned.message
+        reason = reason or self.refuse(tuned) or self.judge.reason(tuned)
         if reason:
-            refused.append((tuned, reason))
-            continue
-        score = judge.score(tuned)
-        if best is None or score < best[0]:
-            best = (score, tuned, wanted.rule or wanted.method)
-    if best is None:
-        tuned, reason = refused[0]
-        return Improvement(False, f"{reason}; none of {len(refused)} designs is better than what runs", tuned)
-    _, tuned, name = best
-    return Improvement(True, f"{tuned.message}; {judge.told(tuned, name)}", tuned)
+            self.refused.append((tuned, reason))
+        else:
+            self.judge.take(tuned, wanted)
 
 
 def _tuned(
@@ -202,25 +182,63 @@ def _tuned(
         return None
 
 
-def _requests(request: TuningRequest, judge: _Judge, compare: bool) -> Iterator[TuningRequest]:
-    """What is tried in turn; more where noise moves the control too much."""
-    yield request
-    if request.method == "frequency" and judge.crossover and judge.noise_excess > 1.0:
-        for share in SLOWER:
-            yield replace(request, crossover=share * judge.crossover)
-    if not compare:
-        return
-    for fixed in ({}, {"lam": 1.0, "mu": 1.0}, {"lam": 1.0, "kd": 0.0, "mu": 1.0}):
-        in_time = replace(
-            _with_noise_bound(request, judge), method="time", index="iae", ms_max=request.ms_max or MS_MAX,
-            fixed=fixed, phase_margin=None, crossover=None, t_max=None, s_max=None, rule=None,
-        )  # fmt: skip
-        judge.noise_excess = 0.0
-        yield in_time
-        if in_time.noise_rms_max and judge.noise_excess > 1.0:  # by as much less as sampling and filters add to it
-            yield replace(in_time, noise_rms_max=CLEAR * in_time.noise_rms_max / judge.noise_excess)
+def _promising(
+    identified: IdentificationResult, request: TuningRequest, judge: _Judge
+) -> list[tuple[float, TuningRequest]]:
+    """What to verify, the best on the learnt process itself first, and the score that each has there."""
+    found: list[tuple[float, TuningRequest]] = []
+
+    def looked_at(wanted: TuningRequest) -> float:
+        """Note what a request promises; how far its control moves beyond what is allowed."""
+        try:
+            tuning = tune(first_request(identified, wanted))
+        except InputError:  # the method is not for this process
+            return 0.0
+        if tuning.controller is None or not tuning.success:
+            return 0.0
+        new = judge.worth(_loop(judge.process, tuning))
+        excess = new.noise_gain / judge.noise_gain_max
+        if excess <= 1.0 and math.isfinite(new.load):
+            found.append((judge.score(new), wanted))
+        return excess
+
+    usual = _in_time(request, judge, identified)
+    for structure in STRUCTURES:
+        in_time = replace(usual, structure=structure)
+        excess = looked_at(in_time)
+        if excess > 1.0 and in_time.noise_rms_max:  # by as much less as sampling and filters add to it
+            looked_at(replace(in_time, noise_rms_max=CLEAR * in_time.noise_rms_max / excess))
+    if found and usual.noise_rms_max is not None:
+        best = min(found, key=lambda one: one[0])[1]
+        for share in QUIETER:
+            looked_at(replace(best, noise_rms_max=share * usual.noise_rms_max))
     for rule in RULES:
-        yield replace(request, method="rule", rule=rule)
+        looked_at(replace(request, method="rule", rule=rule))
+    return sorted(found, key=lambda one: one[0])[:MOST_VERIFIED]
+
+
+def _in_time(request: TuningRequest, judge: _Judge, identified: IdentificationResult) -> TuningRequest:
+    """A search for the least error after both steps, under what noise and limits allow."""
+    return replace(
+        _with_noise_bound(request, judge), method="time", index="iae", input="both", load_weight=LOAD_WEIGHTED,
+        filter_order=FILTER_ORDER, two_degrees=True, ms_max=request.ms_max or MS_MAX, u_max=judge.control_peak,
+        phase_margin=None, crossover=None, t_max=None, s_max=None, rule=None, bounds=_box(identified),
+    )  # fmt: skip
+
+
+def _box(identified: IdentificationResult) -> dict[str, tuple[float, float]]:
+    """Ranges of the gains where a steady-state gain that the record has not shown would give far too small ones."""
+    best = identified.best
+    if best is None:
+        return {}
+    w = best.crossover
+    at_work = complex(best.process(1j * w))
+    steady = best.process.steady_state_gain
+    if abs(steady) < UNSEEN * abs(at_work):
+        return {}
+    sign = math.copysign(1.0, steady)
+    most = {"kp": LARGEST / abs(at_work), "ki": LARGEST * w / abs(at_work), "kd": LARGEST / w / abs(at_work)}
+    return {name: (min(0.0, sign * value), max(0.0, sign * value)) for name, value in most.items()}
 
 
 def _with_noise_bound(request: TuningRequest, judge: _Judge) -> TuningRequest:
@@ -248,19 +266,21 @@ class _Judge:
 
     def __init__(self, process: Process, sample_time: float, running: RunningGains, ms_max: float) -> None:
         self.process, self._sample_time, self._running, self._ms_max = process, sample_time, running, ms_max
-        self._judged: dict[Fopid, LoopWorth] = {}
+        self._judged: dict[Loop, LoopWorth] = {}
         self.crossover, self.noise_excess = 0.0, 0.0
-        loop = Loop(process, running.gains)
-        self._horizon = default_horizon(loop) if stability(loop).stable else None
-        old = noise_gain(process, running.gains, sample_time) if self._horizon else 0.0
+        self.best: tuple[float, RobustTuning, TuningRequest] | None = None
+        self._runs = Loop(process, running.gains, running.filter, running.weights)
+        self._horizon = default_horizon(self._runs) if stability(self._runs).stable else None
+        old = noise_gain(self._runs, sample_time) if self._horizon else 0.0
         allowed = running.control_movement / running.noise if running.noise > 0.0 else math.inf
         self.noise_gain_max = max(allowed, old, _LEAST)
+        self.control_peak = running.control_peak if math.isfinite(running.control_peak) else None
 
-    def worth(self, gains: Fopid) -> LoopWorth:
-        if gains not in self._judged:
-            horizon = self._horizon or default_horizon(Loop(self.process, gains))
-            self._judged[gains] = loop_worth(self.process, gains, self._sample_time, horizon)
-        return self._judged[gains]
+    def worth(self, loop: Loop) -> LoopWorth:
+        if loop not in self._judged:
+            horizon = self._horizon or default_horizon(loop)
+            self._judged[loop] = loop_worth(loop, self._sample_time, horizon)
+        return self._judged[loop]
 
     def reason(self, tuned: RobustTuning) -> str:
         """Why a design is not better than what runs; empty when it is."""
@@ -275,22 +295,41 @@ class _Judge:
             return "" if math.isfinite(new.setpoint) else "its responses are not known"
         if old.ms > self._ms_max:  # what runs is not to be kept, however fast it is
             return ""
-        if new.setpoint > WORSE * old.setpoint or new.load > WORSE * old.load or self.score(tuned) > BETTER:
+        if new.setpoint > WORSE * old.setpoint or new.load > WORSE * old.load or self.errors(new) > BETTER:
             return f"not better than what runs on the learnt process: {new}; now {old}"
         return ""
 
-    def score(self, tuned: RobustTuning) -> float:
+    def take(self, tuned: RobustTuning, wanted: TuningRequest) -> None:
+        """Keep a design if it is the best so far."""
+        score = self.score(self._pair(tuned)[0])
+        if self.best is None or score < self.best[0]:
+            self.best = score, tuned, wanted
+
+    def score(self, new: LoopWorth) -> float:
+        """Errors beside those of the running gains; less control from noise is worth some error."""
+        quiet = max(new.noise_gain / self.noise_gain_max, LEAST_SHARE)
+        return float(self.errors(new) * quiet**QUIET_WEIGHT)
+
+    def errors(self, new: LoopWorth) -> float:
         """Both indices beside those of the running gains; below 1 is better."""
-        new, old = self._pair(tuned)
+        old = self.worth(self._runs)
         if math.isinf(old.setpoint):
             return new.load
         return float((new.load / old.load) ** LOAD_WEIGHT * (new.setpoint / old.setpoint) ** (1.0 - LOAD_WEIGHT))
 
     def told(self, tuned: RobustTuning, name: str) -> str:
+        """What the new gains are worth beside the old ones."""
         new, old = self._pair(tuned)
         return f"{name} was best: {new}; before {old}"
 
     def _pair(self, tuned: RobustTuning) -> tuple[LoopWorth, LoopWorth]:
         if tuned.tuning is None or tuned.tuning.controller is None:
             raise InputError("a tuning without gains; allowed: one that succeeded")
-        return self.worth(tuned.tuning.controller), self.worth(self._running.gains)
+        return self.worth(_loop(self.process, tuned.tuning)), self.worth(self._runs)
+
+
+def _loop(process: Process, tuning: TuningResult) -> Loop:
+    """The loop of a design, which has gains."""
+    if tuning.controller is None:
+        raise InputError("a tuning without gains; allowed: one that succeeded")
+    return Loop(process, tuning.controller, tuning.filter, tuning.weights)

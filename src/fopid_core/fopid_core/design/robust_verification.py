@@ -18,6 +18,7 @@ from fopid_core.model.margins import margins
 from fopid_core.model.process import Process
 from fopid_core.model.quasipolynomial import QuasiPolynomial
 from fopid_core.model.stability import process_stability, stability
+from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter
 
 PLAUSIBLE = 1.5
 """Other templates count as possible while their held-back error is at most so many times the best one's, and their
@@ -115,8 +116,10 @@ class RobustTuning:
     elapsed: float
 
 
-def robustness(controller: Fopid, processes: Sequence[Process], limits: RobustLimits) -> Robustness:
-    """What a controller does on many processes.
+def robustness(
+    controller: Fopid, processes: Sequence[Process], limits: RobustLimits, slow: MeasurementFilter = NO_FILTER
+) -> Robustness:
+    """What a controller, with a filter of the measurement, does on many processes.
 
     Examples
     --------
@@ -126,7 +129,7 @@ def robustness(controller: Fopid, processes: Sequence[Process], limits: RobustLi
     >>> robustness(Fopid(kp=2.5), pair, RobustLimits()).stable
     1
     """
-    loops = [Loop(process, controller) for process in processes]
+    loops = [Loop(process, controller, slow) for process in processes]
     unstable = [loop.process for loop in loops if not stability(loop).stable]
     found = [margins(loop) for loop in loops if loop.process not in unstable]
     ms = [margin.ms for margin in found]
@@ -202,13 +205,9 @@ def tune_robustly(
     if not identified.success or identified.best is None:
         return RobustTuning(False, identified.message, None, None, 0, clock() - begun)
     limits = limits or RobustLimits()
-    wished = request or TuningRequest(identified.best.process)
-    learnt = identified.best.process
-    # A crossover is kept below what the sample time allows; times and rules know that limit by the delay of the hold.
-    seen = learnt if wished.method == "frequency" else as_held(learnt, wished.sample_time)
-    wished = replace(wished, process=seen)
+    wished = first_request(identified, request or TuningRequest(identified.best.process))
     processes = plausible_processes(identified, limits, wished.sample_time)
-    waiting, attempts = [_within_reach(wished, identified.best)], 0
+    waiting, attempts = [wished], 0
     tuning, judged = None, None
     while waiting:
         careful = waiting.pop(0)
@@ -218,12 +217,28 @@ def tune_robustly(
             waiting = _detuned(careful, tuning, identified.best.crossover)
         if not tuning.success or tuning.controller is None:
             continue
-        judged = robustness(tuning.controller, processes, limits)
+        judged = robustness(tuning.controller, processes, limits, tuning.filter)
         if judged.met:
             message = f"{tuning.message}; {judged}"
             return RobustTuning(True, message, tuning, judged, attempts, clock() - begun)
     message = _refusal(tuning, judged, attempts, limits)
     return RobustTuning(False, message, tuning, judged, attempts, clock() - begun)
+
+
+def first_request(identified: IdentificationResult, request: TuningRequest) -> TuningRequest:
+    """A request for the learnt process, as `tune_robustly` tries it first.
+
+    Raises
+    ------
+    InputError
+        If nothing was learnt.
+    """
+    if identified.best is None:
+        raise InputError("identification without a model; allowed: one that succeeded")
+    learnt = identified.best.process
+    # A crossover is kept below what the sample time allows; times and rules know that limit by the delay of the hold.
+    seen = learnt if request.method == "frequency" else as_held(learnt, request.sample_time)
+    return _within_reach(replace(request, process=seen), identified.best)
 
 
 def _within_reach(request: TuningRequest, best: IdentifiedModel) -> TuningRequest:

@@ -23,7 +23,7 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
 from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.performance_monitor import PerformanceMeter
-from fopid_ros.tuner.controller_client import GAINS, RunningDesign, UnconfirmedError
+from fopid_ros.tuner.controller_client import FILTER, GAINS, WEIGHTS, RunningDesign, UnconfirmedError
 from fopid_ros.tuner.learning.gain_update import (
     AcceptanceCriteria,
     GainUpdate,
@@ -264,12 +264,16 @@ def test_new_gains_are_watched_for_sixty_ticks_at_least(learnt: IdentificationRe
 
 
 def test_a_controller_in_manual_mode_is_not_tuned() -> None:
-    answers = dict.fromkeys((*GAINS, "sample_time", "control_min", "control_max"), 1.0) | {"mode": "manual"}
+    answers = dict.fromkeys((*GAINS, "sample_time", "control_min", "control_max", *FILTER, *WEIGHTS), 1.0) | {
+        "mode": "manual"
+    }
     client: Any = SimpleNamespace(get=lambda *names: [answers[name] for name in names])
     with pytest.raises(InputError, match="mode = 'manual'"):
         read_running_controller(client)
     answers["mode"] = "auto"
-    assert read_running_controller(client) == RunningController(Fopid(1.0, 1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 1.0)
+    assert read_running_controller(client) == RunningController(
+        Fopid(1.0, 1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 1.0, MeasurementFilter(1, 1.0), SetpointWeights()
+    )
 
 
 @pytest.mark.parametrize(("control", "saturated"), [(-1.0, True), (-0.99, False), (0.99, False), (1.0, True)])

@@ -7,13 +7,14 @@ closed loop as well.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover
+from fopid_core.design.defaults import PHASE_MARGIN, gain_sign, natural_crossover
 from fopid_core.design.identification.excitation import LEAST_SHARE, external_share
 from fopid_core.design.identification.fit import Fit, fit
 from fopid_core.design.identification.initial_estimates import initial_parameters, rough_fit
@@ -268,13 +269,23 @@ def _crossover(found: Fit, spread: Floats, span: float) -> tuple[float, float]:
 
     The natural crossover, or what is slower and known well enough, if the record is long enough to show it.
     """
-    fastest = min(natural_crossover(found.process, PHASE_MARGIN), FASTEST / found.response.sample_time)
-    tried = fastest * SLOWER ** np.arange(12)
+    limit = FASTEST / found.response.sample_time
+    fastest = min(natural_crossover(found.process, PHASE_MARGIN), limit)
+    if fastest * span < SHORTEST and _hardly_lags(found.process, fastest, limit):
+        fastest = limit  # an integrator in all but name: its own corner is nowhere in the record
+    steps = max(math.log(fastest * span / SHORTEST) / -math.log(SLOWER), 11.0)
+    tried = fastest * SLOWER ** np.arange(int(steps) + 1)
     tried = tried[(tried * span >= SHORTEST) | (tried == fastest)]
     deviation = [relative_deviation(found, spread, w) for w in tried.tolist()]
     known = [i for i, value in enumerate(deviation) if value <= MOST_DEVIATION]
     chosen = known[0] if known else 0
     return float(tried[chosen]), deviation[chosen]
+
+
+def _hardly_lags(process: Process, low: float, high: float) -> bool:
+    """Whether its phase leaves the usual margin at every frequency between these [rad/s]: it sets no speed."""
+    angle = np.angle(gain_sign(process) * process(1j * np.geomspace(low, max(high, low), 200)))
+    return bool(np.all((angle > PHASE_MARGIN - math.pi) & (angle < 0.0)))
 
 
 def _preferred(models: tuple[IdentifiedModel, ...]) -> IdentifiedModel:

@@ -296,7 +296,8 @@ class TimeProblem:
         w = np.exp(self._log_noise_w)
         power = np.exp(-2.0 * noise)
         whole = 0.5 * np.sum((power[:, 1:] + power[:, :-1]) * np.diff(w), axis=1) + power[:, 0] * w[0]
-        return np.asarray(0.5 * np.log(self.specification.noise_density / math.pi * whole))
+        power = self.specification.noise_density / math.pi * np.maximum(whole, 1e-300)  # no gains, no control
+        return np.asarray(0.5 * np.log(power))
 
     def _errors(self, gains: Real) -> Real:
         """Of each step that counts, shape (steps, n, instants); beside a setpoint, the load's step is 1 / gain."""

@@ -107,7 +107,8 @@ class Autotuner:
         found = identify(record, self._request.template, noise=self._experiment.loop.noise)
         if not found.success or found.best is None:
             return Outcome(message=f"nothing was changed: {found.message}", model=found.best)
-        return self._gain_update.design(found, self._experiment.loop.noise)
+        loop = self._experiment.loop
+        return self._gain_update.design(found, loop.noise, loop.control_peak)
 
     def _settle(self) -> None:
         """Wait until the experiment has died out."""

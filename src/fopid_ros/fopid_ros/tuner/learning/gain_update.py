@@ -14,8 +14,9 @@ from fopid_core.design.robust_verification import RobustLimits, RobustTuning
 from fopid_core.design.specification import TuningRequest, TuningResult
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
 from fopid_core.runtime.performance_monitor import LoopPerformance, MonitorSettings, PerformanceMonitor
-from fopid_ros.tuner.controller_client import GAINS, ControllerClient, RunningDesign, UnconfirmedError
+from fopid_ros.tuner.controller_client import FILTER, GAINS, WEIGHTS, ControllerClient, RunningDesign, UnconfirmedError
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 
@@ -87,17 +88,26 @@ class RunningController:
     sample_time : float
         [s]
     control_min, control_max : float
+    filter, weights
+        Of the measurement and of the setpoint.
     """
 
     gains: Fopid
     sample_time: float
     control_min: float
     control_max: float
+    filter: MeasurementFilter = NO_FILTER
+    weights: SetpointWeights = WHOLE_SETPOINT
 
     @property
     def control_range(self) -> float:
         """From limit to limit; infinite without."""
         return self.control_max - self.control_min
+
+    @property
+    def running(self) -> RunningDesign:
+        """The gains with the filter and the weights they run with."""
+        return RunningDesign(self.gains, self.filter, self.weights)
 
     def saturated(self, control: float) -> bool:
         """Whether a control is at a limit."""
@@ -113,9 +123,11 @@ def read_running_controller(client: ControllerClient) -> RunningController:
         If it does not answer, or is in manual mode.
     """
     *gains, sample_time, low, high, mode = client.get(*GAINS, "sample_time", "control_min", "control_max", "mode")
+    order, time, proportional, derivative = client.get(*FILTER, *WEIGHTS)
     if mode != "auto":
         raise InputError(f"mode = {mode!r} of the controller; allowed: auto, since the loop stays closed")
-    return RunningController(Fopid(*gains), sample_time, low, high)
+    slow, weights = MeasurementFilter(order, time), SetpointWeights(proportional, derivative)
+    return RunningController(Fopid(*gains), sample_time, low, high, slow, weights)
 
 
 class GainUpdate:
@@ -143,7 +155,7 @@ class GainUpdate:
         self._previous: RunningDesign | None = None
         self._trial: RunningDesign | None = None
 
-    def design(self, found: IdentificationResult, noise: float = 0.0) -> Outcome:
+    def design(self, found: IdentificationResult, noise: float = 0.0, control_peak: float = math.inf) -> Outcome:
         """Gains for what was learnt that beat the running ones on it, verified on all that the record leaves possible.
 
         Parameters
@@ -151,13 +163,16 @@ class GainUpdate:
         found : IdentificationResult
         noise : float
             Standard deviation of the measurement's noise, where it was measured.
+        control_peak : float
+            How far a unit step of the setpoint may take the control; infinite where no limit says.
         """
         self._wait.report(
             Stage("tuning", 0.65, fit_pct=found.best.fit_pct if found.best else 0.0, message=found.message)
         )
         wanted = replace(self._criteria.tuning, sample_time=self._controller.sample_time)
         movement = self._criteria.noise_share * self._controller.control_range
-        running = RunningGains(self._controller.gains, noise, movement)
+        now = self._controller
+        running = RunningGains(now.gains, noise, movement, control_peak, now.filter, now.weights)
         improved = improve(found, wanted, self._criteria.limits, running, self._criteria.compare, self._refused)
         self._wait.report(Stage("verifying", 0.7, message=improved.message))
         outcome = Outcome(improved.success, improved.message, model=found.best, tuned=improved.tuned)
@@ -216,7 +231,8 @@ class GainUpdate:
         if design is None or design.controller is None or design.achieved is None:
             raise InputError("a tuning without gains; allowed: one that succeeded")
         self._wait.report(Stage("applying", 0.75, message=str(design.controller)))
-        self._trial = RunningDesign(design.controller)  # without a filter, as it was verified
+        chosen = None if design.filter.is_idle and design.weights == WHOLE_SETPOINT else design.weights
+        self._trial = RunningDesign(design.controller, design.filter, chosen)  # as it was verified
         try:
             self._previous = self._client.apply(self._trial, "trial", outcome.certificate)
         except UnconfirmedError as error:  # they may have been taken: taking back must not depend on it
@@ -229,8 +245,7 @@ class GainUpdate:
         applied = replace(outcome, applied=True, previous=self._previous)
         if watch.verdict != "worse":
             self._client.confirm(self._trial)
-            unfiltered = "" if self._previous.filter.is_idle else f" without the {self._previous.filter} that there was"
-            return replace(applied, message=f"{outcome.message}; applied{unfiltered} and watched: {watch.reason}")
+            return replace(applied, message=f"{outcome.message}; applied with {design.filter}, watched: {watch.reason}")
         self.roll_back()
         return replace(applied, success=False, applied=False, rolled_back=True,
                        message=f"the previous gains are back, since the loop got worse: {watch.reason}")  # fmt: skip

@@ -19,6 +19,8 @@ STEADY_STATE_SHARE, RESTLESS_SHARE = 0.1, 0.2
 NOISES, REACH_SHARE, TRAVEL_SHARE = 40.0, 0.005, 0.1
 """The allowed deviation when nobody says it: so many times the noise, that share of the proportional band (the error
 that moves the control through its whole range), that share of the setpoint's moves."""
+SMALL_STEP = 0.25
+"""Of the setpoint, as a share of the allowed deviation, that is not to take the control to a limit."""
 
 
 @dataclass
@@ -87,6 +89,13 @@ class LoopBaseline:
             scale = "neither noise nor limits of the control nor a move of the setpoint give a scale"
             raise InputError(f"deviation_max = 0; allowed: above 0, since {scale}")
         return chosen
+
+    @property
+    def control_peak(self) -> float:
+        """How far a unit step of the setpoint may take the control, so that small steps keep within its limits."""
+        controller = self.controller
+        room = min(controller.control_max - self.control, self.control - controller.control_min)
+        return max(room, 0.0) / (SMALL_STEP * self.deviation_max) if room > 0.0 else math.inf
 
     @property
     def at_steady_state(self) -> bool:

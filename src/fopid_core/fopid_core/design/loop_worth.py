@@ -1,0 +1,87 @@
+"""What a loop is worth as it runs: how it follows, what it makes of a load, of noise, and how near it is to trouble."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopid_core.design.sampled_loop import sampled_controller, sampled_process
+from fopid_core.errors import InputError
+from fopid_core.model.indices import indices
+from fopid_core.model.loop import Loop
+from fopid_core.model.margins import margins
+from fopid_core.model.response import step_response
+from fopid_core.model.stability import stability
+from fopid_core.runtime.controller import FopidController
+from fopid_core.runtime.settings import as_designed
+
+_POINTS = 600
+
+
+@dataclass(frozen=True)
+class LoopWorth:
+    """What gains are worth on a process.
+
+    Attributes
+    ----------
+    setpoint, load : float
+        Integral of the absolute error after a unit step of each, over the same horizon; infinite for an unstable loop.
+    ms : float
+        max |S|.
+    noise_gain : float
+        Standard deviation of the control over that of white noise of the measurement, at the ticks.
+    """
+
+    setpoint: float
+    load: float
+    ms: float
+    noise_gain: float
+
+    def __str__(self) -> str:
+        return (
+            f"IAE {self.setpoint:.4g} to a setpoint step and {self.load:.4g} to a load step, Ms {self.ms:.3g}, "
+            f"noise gain {self.noise_gain:.3g}"
+        )
+
+
+def loop_worth(loop: Loop, sample_time: float, horizon: float) -> LoopWorth:
+    """Judge a loop whose controller ticks every ``sample_time`` [s] over a horizon [s].
+
+    Examples
+    --------
+    >>> from fopid_core.model.fopid import Fopid
+    >>> from fopid_core.model.process import Process
+    >>> judged = loop_worth(Loop(Process.parse("1/(s+1)"), Fopid(kp=1.0, ki=1.0)), 0.01, 50.0)
+    >>> round(judged.setpoint, 3), round(judged.load, 3)  # 1/(s+1) and s/(s+1)^2
+    (1.0, 1.0)
+    """
+    if not stability(loop).stable:
+        return LoopWorth(math.inf, math.inf, math.inf, math.inf)
+    errors = []
+    for source in ("setpoint", "load"):
+        try:
+            response = step_response(loop, horizon, source)
+            errors.append(indices(response.time, response.error).iae)
+        except InputError:  # near the border of stability the response is not known
+            errors.append(math.inf)
+    return LoopWorth(errors[0], errors[1], margins(loop).ms, noise_gain(loop, sample_time))
+
+
+def noise_gain(loop: Loop, sample_time: float) -> float:
+    """Root mean square of |C F S| of the sampled loop over all frequencies up to the Nyquist frequency.
+
+    Examples
+    --------
+    >>> from fopid_core.model.fopid import Fopid
+    >>> from fopid_core.model.process import Process
+    >>> round(noise_gain(Loop(Process.parse("0.001/(s+1)"), Fopid(kp=2.0)), 0.01), 3)
+    2.0
+    """
+    theta = np.union1d(np.geomspace(1e-6, math.pi, _POINTS), np.linspace(0.0, math.pi, _POINTS + 1)[1:])
+    settings = as_designed(loop.controller, sample_time, loop.filter, loop.weights)
+    controller = sampled_controller(FopidController(settings), theta)
+    gain = np.abs(controller / (1.0 + controller * sampled_process(loop.process, sample_time, theta))) ** 2
+    area = float(np.sum(0.5 * (gain[1:] + gain[:-1]) * np.diff(theta)))
+    return math.sqrt(area / math.pi)
