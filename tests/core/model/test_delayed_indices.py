@@ -135,6 +135,13 @@ def test_the_oracle_itself_is_right_for_a_delayed_integral() -> None:
     assert case.indices(50)["iae"] == pytest.approx(exact, rel=1e-9)
 
 
+def test_a_horizon_of_six_delays_is_like_any_other() -> None:
+    """There the line of inversion went through the origin: not a number, and a traceback."""
+    case = Delayed((0.484,), 1.42, 0.403, Fopid(0.691, 0.437), 6)
+    assert missed(case) == ([], 6)
+    assert not math.isnan(evaluate(Loop(Process.parse(case.text), case.gains), case.horizon).step.indices.iae)  # type: ignore[union-attr]
+
+
 def test_indices_of_a_few_loops_with_delay_are_as_exact_as_they_say() -> None:
     wrong, told = misses(3, 4)
     assert wrong == []

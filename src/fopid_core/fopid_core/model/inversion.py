@@ -214,6 +214,8 @@ def _samples(signals: Signals, last: float, number: int) -> Floats:
     """The signals at evenly spaced instants from 0 to ``last``, ``number`` of them in the whole period."""
     period = _PERIODS * last
     line = _DAMPING / period + signals.growth
+    if abs(line) * period < 1.0:  # not through the origin, where parts that were taken out have their poles
+        line = 1.0 / period
     s: Complexes = np.asarray(line + 2j * np.pi / period * np.arange(number // 2 + 1), dtype=np.complex128)
     series = np.fft.irfft(signals.transforms(s) * _taper(number // 2 + 1), axis=1)[:, : number // _PERIODS + 1]
     values: Floats = series * np.exp(line * np.linspace(0.0, last, series.shape[1])) * (number / period)

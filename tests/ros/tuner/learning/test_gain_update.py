@@ -24,6 +24,7 @@ from fopid_core.model.process import read_process
 from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.performance_monitor import PerformanceMeter
 from fopid_ros.tuner.controller_client import FILTER, GAINS, WEIGHTS, RunningDesign, UnconfirmedError
+from fopid_ros.tuner.learning import gain_update as gain_update_module
 from fopid_ros.tuner.learning.gain_update import (
     AcceptanceCriteria,
     GainUpdate,
@@ -136,8 +137,12 @@ def test_with_verify_certify_the_gains_go_out_with_a_proof_of_the_learnt_loop(le
     assert json.loads(document)["gains"] == list(running.applied[0].gains.gains)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("region", ["ellipsoid", "box"])
-def test_with_verify_region_the_proof_is_about_all_that_the_record_leaves_possible(region: str) -> None:
+def test_with_verify_region_the_proof_is_about_all_that_the_record_leaves_possible(
+    monkeypatch: pytest.MonkeyPatch, region: str
+) -> None:
+    monkeypatch.setattr(gain_update_module, "PROOF_SECONDS", 2.0)
     time = [0.02 * k for k in range(600)]
     control = [1.0 if t >= 1.0 else 0.0 for t in time]
     noise = np.random.default_rng(0).normal(0.0, 0.01, 600)
