@@ -97,6 +97,11 @@ docs: venv ## Build the documentation, into build/docs
 	@"$(BIN)/sphinx-build" --fail-on-warning --keep-going --quiet -d build/doctrees docs build/docs
 	@echo build/docs/index.html
 
+.PHONY: verdict
+verdict: venv ## PI, PID, FOPI and FOPID on a thousand processes, into docs/verdict.md: hours; goes on where it was left
+	@"$(BIN)/fopid" campaign config/campaigns/verdict.yaml
+	@"$(BIN)/python" tools/verdict_page.py runs/verdict.parquet docs/verdict.md $(ARGS)
+
 .PHONY: reliability
 reliability: venv ## Attack the running loop, write the figures into docs/reliability.md [SHARE=0.1 PAGE=copy.md]
 	@rm -rf build/reliability

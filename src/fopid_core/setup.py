@@ -25,7 +25,7 @@ EXTRAS = {
     "certify": ["python-flint"],
     "explore": ["tornado>=6.4,<7"],
     "limit": ["clarabel", "cvxpy-base>=1.4"],
-    "benchmark": ["control>=0.10", "pyarrow>=20", "simple-pid"],
+    "benchmark": ["clarabel", "control>=0.10", "cvxpy-base>=1.4", "pyarrow>=20", "simple-pid"],
     "test": ["hypothesis", "mpmath", "pytest"],
 }
 

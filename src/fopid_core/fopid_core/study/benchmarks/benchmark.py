@@ -27,6 +27,7 @@ from fopid_core.model.stability import stability, stable_mask
 from fopid_core.study.benchmarks.batch import batch_figures
 from fopid_core.study.benchmarks.comparison import comparison_figures
 from fopid_core.study.benchmarks.figure import Figure, best_time
+from fopid_core.study.benchmarks.limit import limit_figures
 
 GAINS = (2.9692, 0.8028, 1.3394, 1.0138, 0.6074)
 """Of the paper's Table 4, ITAE on P1."""
@@ -58,6 +59,7 @@ def benchmark(report: Callable[[float, str], None] | None = None, with_baseline_
         _growth_with_candidates,
         lambda: batch_figures(every=1 if with_baseline_tuning else 16),
         lambda: comparison_figures(with_baseline_tuning),
+        limit_figures,
         _campaign,
         _import_time,
     ]
