@@ -22,9 +22,9 @@ def draw_reductions(by_kind: Mapping[str, Floats], out: Path) -> None:
     axes = canvas.subplots()
     for place, (_, values) in enumerate(named):
         found = median(values)
-        axes.plot(100.0 * values, np.full(values.size, place), ".", color=BLUE, alpha=0.3, markersize=5)
-        axes.plot(100.0 * np.array([found.low, found.high]), [place, place], color=RED, linewidth=3)
-        axes.plot(100.0 * found.value, place, "o", color=RED)
+        axes.plot(100.0 * values, np.full(values.size, place), ".", color=BLUE, alpha=0.5, markersize=5, zorder=3)
+        axes.plot(100.0 * np.array([found.low, found.high]), [place, place], color=RED, linewidth=3, alpha=0.7)
+        axes.plot(100.0 * found.value, place, "o", color=RED, zorder=4)
     axes.set_yticks(range(len(named)), [f"{name} ({values.size})" for name, values in named])
     axes.axvline(0.0, color="black", linewidth=0.8)
     axes.set_xlabel("load IAE of FOPID below that of PID [%]; red: median with its 95 % interval")

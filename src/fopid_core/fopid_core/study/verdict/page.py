@@ -123,7 +123,7 @@ def _not_worth(cases: Sequence[Case]) -> str:
     return (
         "## Where it loses or is not worth it\n\n"
         f"- On {share(values < 0.01)} of the processes FOPID gains less than 1 %, on {share(values < WORTH)} less than "
-        f"5 %. Without ticks it cannot lose: every PID is a FOPID.\n"
+        f"5 %. Every PID is a FOPID, so without ticks a loss can only be the search's.\n"
         f"- As it runs, sampled and band-limited, it loses to PID on {share(runs < 0.0)}.\n"
         f"- A fractional integral alone (FOPI) gains 1 % or more over PI on {share(fopi >= 0.01)}, 5 % or more on "
         f"{share(fopi >= WORTH)}.\n"
