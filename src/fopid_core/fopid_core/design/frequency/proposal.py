@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from fopid_core.design import defaults
 from fopid_core.design.frequency.equation_solvers import optimise_constrained, solve_equations
+from fopid_core.design.frequency.margin_alone import with_margin_alone
 from fopid_core.design.frequency.tuning import FrequencyDesign, tune_frequency
 from fopid_core.design.reduction import reduce
 from fopid_core.design.specification import (
@@ -169,7 +170,14 @@ def _without_design(
             if near.controller is not None:
                 unmet = f"{asked}: nearest possible {math.degrees(margin):.4g} deg"
                 return Proposal(near.controller, (unmet,), message, near.ms, evaluations)
-    return Proposal(None, (f"{asked}: none at any phase margin",), message, math.nan, evaluations)
+    alone = with_margin_alone(process, specification, ROBUST)
+    if alone is None:
+        return Proposal(None, (f"{asked}: none at any phase margin",), message, math.nan, evaluations)
+    unmet = f"{asked}: at no phase margin is there a flat one; nearest is PID with this margin and crossover"
+    message += (
+        f"; with the flat phase given up, PID with the largest ki that keeps max |S| and max |T| about {ROBUST:g}"
+    )
+    return Proposal(alone[0], (unmet,), message, alone[1], evaluations)
 
 
 def _at_edge(controller: Fopid) -> tuple[str, ...]:

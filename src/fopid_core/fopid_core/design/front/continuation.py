@@ -19,7 +19,7 @@ from fopid_core.design.time.gauss_newton import Descent, begin, descend
 from fopid_core.design.time.problem import TimeProblem
 from fopid_core.model.arrays import Floats
 
-STEPS, TOLERANCE = 5, 2e-4
+STEPS, TOLERANCE = 4, 3e-4
 """Of a descent from a neighbour."""
 EDGE = 12
 """Designs on each edge of the surface."""

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover
 from fopid_core.design.front.continuation import Continuation
 from fopid_core.design.front.measures import Measures, measured
 from fopid_core.design.specification import (
@@ -21,8 +22,9 @@ from fopid_core.design.specification import (
     one_of,
     require,
 )
-from fopid_core.design.time.problem import TimeProblem
+from fopid_core.design.time.problem import TimeProblem, enough_points
 from fopid_core.design.time.proposal import time_specification
+from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.tuning import tune_time
 from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.model.fopid import Fopid
@@ -41,6 +43,8 @@ BANDS, DENSITY = 40, 6
 """Of the problem's frequencies: optima of fractional orders have several peaks of the same height, close together."""
 EXACT = 2e-4
 """Relative error of an IAE that is let pass."""
+NEAR = 2e-3
+"""How far, relative, a design may be above the largest bounds: what it does is told as it is."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +173,8 @@ def front(
     specification = time_specification(request)
     progress(0.05, "the design with the loosest bounds")
     loosest = tune_time(process, specification)
-    problem = TimeProblem(process, specification, density=DENSITY, bands=BANDS)
+    points_in_time = enough_points(specification.horizon * natural_crossover(process, PHASE_MARGIN)) // 2
+    problem = TimeProblem(process, specification, points_in_time, DENSITY, bands=BANDS)
     progress(0.3, "following the optimum as the bounds move")
     rows, reason = np.zeros((0, len(specification.variables))), ""
     if loosest is not None and loosest.met:
@@ -180,7 +185,7 @@ def front(
         reason = f"no design of structure {structure} with Ms <= {ms_max:g} within the other bounds: {nearest}"
     progress(0.8, "checking every design")
     found = measured(problem, rows)
-    chosen = _chosen(found, points)
+    chosen = _chosen(found, specification, points)
     progress(1.0, "done")
     rows, found = rows[chosen], _of(found, chosen)
     return Front(
@@ -189,10 +194,12 @@ def front(
     )  # fmt: skip
 
 
-def _chosen(found: Measures, points: int) -> Integers:
+def _chosen(found: Measures, asked: TimeSpecification, points: int) -> Integers:
     """Which designs to keep: stable ones that no other beats in everything, so many of the least crowded."""
     values = np.log(np.column_stack([found.iae_load, found.ms, found.noise_gain]))
-    good = np.flatnonzero(found.stable & (found.iae_error <= EXACT) & np.isfinite(values).all(axis=1))
+    peaks = ((found.ms, asked.ms_max), (found.mt, asked.mt_max), (found.noise_gain, asked.noise_max))
+    within = np.all([peak <= (1.0 + NEAR) * bound for peak, bound in peaks], axis=0)
+    good = np.flatnonzero(found.stable & within & (found.iae_error <= EXACT) & np.isfinite(values).all(axis=1))
     good = good[~beaten(values[good])]
     while len(good) > points:
         place = values[good] / np.maximum(np.ptp(values[good], axis=0), 1e-9)

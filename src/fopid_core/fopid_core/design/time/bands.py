@@ -12,12 +12,12 @@ Complex = NDArray[np.complex128]
 
 AROUND = np.array([-0.4, -0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2, 0.4])
 """Where a peak is looked at, in units of its width."""
+SMALLEST = 1e-300
 
 
 def log_size(values: Complex) -> Real:
-    """The logarithm of the absolute value."""
-    with np.errstate(divide="ignore"):
-        return np.asarray(0.5 * np.log(values.real**2 + values.imag**2))
+    """The logarithm of the absolute value; that of zero is finite, so that its slope is 0 and not unknown."""
+    return np.asarray(0.5 * np.log(np.maximum(values.real**2 + values.imag**2, SMALLEST)))
 
 
 def least_in_bands(values: Real, position: Real, bands: int) -> Real:
