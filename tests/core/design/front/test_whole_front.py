@@ -1,4 +1,4 @@
-"""The trade-off beside what others find: NSGA-II of pymoo in 300,000 evaluations, and every method of the comparison."""
+"""The trade-off beside what others find: NSGA-II of pymoo in 300,000 evaluations, and the methods of the comparison."""
 
 from __future__ import annotations
 
