@@ -128,7 +128,8 @@ def simulate(
     """
     from fopid_core.model.evaluation import default_horizon
     from fopid_core.runtime.controller import ControllerSettings, FopidController
-    from fopid_core.runtime.plant import Plant, PlantSettings
+    from fopid_core.runtime.convolved_plant import plant_of
+    from fopid_core.runtime.plant import PlantSettings
     from fopid_core.runtime.simulation import simulate as run
 
     loop = as_loop(process, controller)
@@ -152,7 +153,7 @@ def simulate(
         "derivative_setpoint_weight": loop.weights.derivative,
     }
     running = FopidController(ControllerSettings(loop.controller, sample_time, **designed | of(ControllerSettings)))
-    plant = Plant(PlantSettings(loop.process, sample_time, **of(PlantSettings)))
+    plant = plant_of(PlantSettings(loop.process, sample_time, **of(PlantSettings)))
     return run(running, plant, samples, lambda _: setpoint, lambda _: disturbance)
 
 

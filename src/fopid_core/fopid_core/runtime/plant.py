@@ -26,7 +26,7 @@ class PlantSettings:
     Attributes
     ----------
     process : Process
-        Rational, proper, with or without delay.
+        Proper, with or without one delay; for `Plant` rational, for `ConvolvedPlant` of any orders.
     sample_time : float
         Time between ticks [s]; the input is held in between.
     delay_model : {"pade", "exact"}
@@ -53,8 +53,8 @@ class PlantSettings:
     initial_output: float = 0.0
 
     def __post_init__(self) -> None:
-        if not self.process.is_rational:
-            raise InputError(f"process {self.process} is not rational; allowed here: whole powers of s and one delay")
+        if not (self.process.numerator.has_one_delay and self.process.denominator.has_one_delay):
+            raise InputError(f"process {self.process} has a delay inside; allowed here: powers of s and one delay")
         if not 1e-6 <= self.sample_time <= 1e6:
             raise InputError(f"sample_time = {self.sample_time}; allowed: 1e-06 to 1e+06 [s]")
         if self.delay_model not in get_args(DelayModel):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fopid_core.drawing import draw_over_time
 from fopid_core.runtime.controller import FopidController
-from fopid_core.runtime.plant import Plant
+from fopid_core.runtime.convolved_plant import AnyPlant
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Signal = Callable[[int], float]
 """A signal by the number of the sample."""
 
-Action = Callable[[FopidController, Plant], None]
+Action = Callable[[FopidController, AnyPlant], None]
 """What is done to the loop between two samples."""
 
 
@@ -47,7 +47,7 @@ class Trace:
 
 def simulate(
     controller: FopidController,
-    plant: Plant,
+    plant: AnyPlant,
     samples: int,
     setpoint: Signal,
     disturbance: Signal = lambda _: 0.0,

@@ -18,7 +18,8 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
 from fopid_core.model.process import read_process
-from fopid_core.runtime.plant import Plant, PlantSettings
+from fopid_core.runtime.convolved_plant import AnyPlant, plant_of
+from fopid_core.runtime.plant import PlantSettings
 from fopid_msgs.srv import Advance
 from fopid_ros.common.background import Later
 from fopid_ros.common.managed_node import TIMING, ManagedNode, loop_qos, run, take_pending_messages
@@ -26,9 +27,11 @@ from fopid_ros.common.parameters import Spec
 from fopid_ros.common.pending_values import PendingValues
 from fopid_ros.common.signals import signal_specs, signal_type
 from fopid_ros.plant.advances import Advances
+from fopid_ros.plant.model_plant import ModelPlant
 
 SPECS = (
     Spec("process", "P1", "P1 ... P4, a transfer function in s as text, or a YAML file", read_only=True),
+    Spec("model", "", "a Python model in place of the process: package.module:Class with step(u, dt)", read_only=True),
     Spec("sample_time", 0.01, "time between samples [s]", 1e-6, 1e6, read_only=True),
     Spec("delay_model", "pade", "how the delay is simulated", choices=("pade", "exact"), read_only=True),
     Spec("pade_order", 3, "order of Pade's approximation of the delay", 1, 10, read_only=True),
@@ -58,6 +61,11 @@ def _plant_settings(values: dict[str, Any]) -> PlantSettings:
     return PlantSettings(read_process(values["process"]), **{name: values[name] for name in names})
 
 
+def _plant(values: dict[str, Any]) -> AnyPlant | ModelPlant:
+    settings = _plant_settings(values)
+    return ModelPlant(values["model"], settings) if values["model"] else plant_of(settings)
+
+
 class PlantSimulator(ManagedNode):
     """Subscribes control and disturbance, publishes measurement and, in lockstep, /clock."""
 
@@ -67,7 +75,7 @@ class PlantSimulator(ManagedNode):
     def __init__(self, context: Context | None = None) -> None:
         super().__init__(context=context)
         values = self.values()
-        self._plant = Plant(_plant_settings(values))
+        self._plant = _plant(values)
         self._lockstep = values["trigger"] == "lockstep"
         self._until = values["advance_until"]
         self._period_ns = round(values["sample_time"] * 1e9)
@@ -134,7 +142,7 @@ class PlantSimulator(ManagedNode):
             use_sim_time = self.get_parameter("use_sim_time").value
             clock = self.get_clock() if use_sim_time else steady
             self.timer = self.create_timer(self._period_ns * 1e-9, self._tick, clock=clock)
-        process = self.get_parameter("process").value
+        process = self.get_parameter("model").value or self.get_parameter("process").value
         self.get_logger().info(f"simulating {process} every {self._period_ns * 1e-9:g} s, {self.values()['trigger']}")
         return super().on_activate(state)
 

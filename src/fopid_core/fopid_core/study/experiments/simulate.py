@@ -20,7 +20,7 @@ from fopid_core.model.arrays import Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
 from fopid_core.runtime.controller import ControllerSettings, FopidController
-from fopid_core.runtime.plant import Plant
+from fopid_core.runtime.convolved_plant import AnyPlant, plant_of
 from fopid_core.runtime.simulation import Trace, simulate
 from fopid_core.study.experiments.experiment import SOURCES, Experiment, Phase
 from fopid_core.study.experiments.loop_parameters import GAINS, controller_settings, plant_settings
@@ -102,7 +102,7 @@ def simulate_experiment(experiment: Experiment, report: Report | None = None) ->
         first: partial(loop.begin, phase, first, tell) for first, phase in zip(starts, experiment.phases, strict=True)
     }
     trace = simulate(
-        loop.controller, Plant(loop.plant), samples, setpoint.tolist().__getitem__, disturbance.tolist().__getitem__,
+        loop.controller, plant_of(loop.plant), samples, setpoint.tolist().__getitem__, disturbance.tolist().__getitem__,
         actions,
     )  # fmt: skip
     return Simulated(
@@ -141,7 +141,7 @@ class _Loop:
     def _settings(self) -> ControllerSettings:
         return controller_settings(self._parameters, self._sample_time)
 
-    def begin(self, phase: Phase, first: int, report: Report, controller: FopidController, plant: Plant) -> None:
+    def begin(self, phase: Phase, first: int, report: Report, controller: FopidController, plant: AnyPlant) -> None:
         """Make a phase's changes, in the order in which the experiment's node makes them."""
         if phase.tune is not None:
             report(f"tuning ({phase.tune.method})")
