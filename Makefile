@@ -86,7 +86,8 @@ bench: venv ## Measure the performance figures, each beside its baseline, into d
 	@mkdir -p build
 	@"$(BIN)/fopid" benchmark --json >build/benchmark_core.json
 	@"$(BIN)/fopid_ros_benchmark" --json >build/benchmark_ros.json
-	@"$(BIN)/python" tools/performance_table.py build/benchmark_core.json build/benchmark_ros.json docs/performance.md
+	@"$(BIN)/python" -m tests.hand_to_picture >build/benchmark_browser.json
+	@"$(BIN)/python" tools/performance_table.py build/benchmark_{core,ros,browser}.json docs/performance.md
 
 .PHONY: plants
 plants: venv ## Compare start gains, rules, autotuning and the best known on foreign plants, into docs/plants.md [ARGS=crane]

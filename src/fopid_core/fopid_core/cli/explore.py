@@ -41,8 +41,11 @@ def explore_verb(source: str, port: int, no_browser: bool) -> None:
 
 def _start(source: str) -> dict[str, Any]:
     """What the page begins with."""
+    from fopid_core.errors import InputError
     from fopid_core.model.process import read_process
 
+    if Path(source).suffix.lower() in (".csv", ".mcap", ".db3") and not Path(source).exists():
+        raise InputError(f"record {source!r}: no such file; allowed: a process, or a csv file or bag that is there")
     if Path(source).exists() and Path(source).suffix.lower() not in (".yaml", ".yml"):
         from fopid_core.study.explore.learning import learnt
         from fopid_core.study.records import read_record

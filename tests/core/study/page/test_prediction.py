@@ -27,9 +27,9 @@ def test_responses_are_those_of_the_rational_loop_by_scipy() -> None:
     closed = [1.0, 3.0, 3.0 + 1.5, 1.0 + 2.0, 1.2]
     setpoint = signal.step(signal.TransferFunction([1.5, 2.0, 1.2], closed), T=time)[1]
     load = signal.step(signal.TransferFunction([1.0, 0.0], closed), T=time)[1]
-    assert np.abs(np.array(one["setpoint"]["output"]) - setpoint).max() < 2e-5
-    assert np.abs(np.array(one["load"]["output"]) - load).max() < 2e-5
-    assert np.abs(np.array(one["load"]["control"]) + setpoint).max() < 2e-5
+    assert np.abs(np.array(one["setpoint"]["output"]) - setpoint).max() < 2e-4
+    assert np.abs(np.array(one["load"]["output"]) - load).max() < 2e-4
+    assert np.abs(np.array(one["load"]["control"]) + setpoint).max() < 2e-4
     assert one["measures"]["overshoot_pct"]["value"] == pytest.approx(100.0 * (setpoint.max() - 1.0), abs=0.01)
 
 
@@ -71,7 +71,7 @@ def test_the_badge_is_the_exact_verdict(process: str, gains: dict, badge: str) -
 
 @pytest.mark.parametrize("gains", [{"kp": 0.5, "ki": 0.3}, {"kp": 0.4, "ki": 0.3, "kd": 0.05, "lam": 0.9, "mu": 0.6}])
 @pytest.mark.parametrize("more", [{}, {"filter_order": 2, "filter_time": 0.3, "setpoint_weight": 0.5}])
-def test_while_the_hand_moves_a_delay_is_drawn_nearly_right(gains: dict, more: dict) -> None:
+def test_while_the_hand_moves_responses_are_drawn_nearly_right(gains: dict, more: dict) -> None:
     quick, exact = (shown(DELAYED, gains | more, horizon=15.0, quick=q)["sets"][0] for q in (True, False))
     assert (quick["exact"], exact["exact"]) == (False, True)
     for source in ("setpoint", "load"):
