@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
-from fopid_core.runtime.controller import ControllerSettings, FopidController, with_gains
+from fopid_core.runtime.controller import ControllerSettings, FopidController
 from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.runtime.simulation import simulate
 from fopid_core.study.bags.bag import read_bag
@@ -45,7 +46,7 @@ def test_demo_tunes_twice_records_and_reports(tmp_path: Path, process: str) -> N
     run = read_bag(out / "bag")
     experiment = demo_experiment(process)
     assert [phase.name for phase in run.phases] == [phase.name for phase in experiment.phases]
-    assert [tuning.method for tuning in run.tunings] == ["frequency", "time"]
+    assert [tuning.method for tuning in run.tunings] == ["time", "frequency"]
     assert all(tuning.applied for tuning in run.tunings)
     samples = round(experiment.duration / experiment.sample_time)
     for name in ("measurement", "control"):  # nothing was lost at full speed
@@ -58,9 +59,10 @@ def test_demo_tunes_twice_records_and_reports(tmp_path: Path, process: str) -> N
 
 
 def replayed(experiment, tunings, samples: int) -> list[float]:
-    """The same experiment offline, with the gains the tuner applied at the same samples."""
+    """The same experiment offline, with the designs the tuner applied at the same samples."""
     h = experiment.sample_time
     settings = ControllerSettings(Fopid(**experiment.gains), sample_time=h)
+    controller = FopidController(settings)
     plant = Plant(PlantSettings(read_process(experiment.process), sample_time=h, delay_model="exact"))
     setpoint, disturbance, actions, start = {}, {}, {}, 0.0
     applied = iter(tunings)
@@ -68,8 +70,13 @@ def replayed(experiment, tunings, samples: int) -> list[float]:
         k = round(start / h)
         setpoint[k], disturbance[k] = phase.setpoint, phase.disturbance
         if phase.tune:
-            gains = next(applied).gains
-            actions[k] = lambda c, _, g=gains: c.reconfigure(with_gains(settings, g))
+            tuning = next(applied)
+            settings = replace(settings, gains=tuning.gains, measurement_filter_order=tuning.filter.order,
+                               measurement_filter_time=tuning.filter.time)  # fmt: skip
+            if tuning.method == "time":
+                settings = replace(settings, setpoint_weight=tuning.weights.proportional,
+                                   derivative_setpoint_weight=tuning.weights.derivative)  # fmt: skip
+            actions[k] = lambda c, _, s=settings: c.reconfigure(s)
         start += phase.duration
 
     def held(changes: dict) -> list[float]:
@@ -80,7 +87,7 @@ def replayed(experiment, tunings, samples: int) -> list[float]:
             out.append(value)
         return out
 
-    trace = simulate(FopidController(settings), plant, samples, held(setpoint).__getitem__,
+    trace = simulate(controller, plant, samples, held(setpoint).__getitem__,
                      held(disturbance).__getitem__, actions)  # fmt: skip
     return list(trace.measurement)
 

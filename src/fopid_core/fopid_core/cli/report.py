@@ -31,15 +31,22 @@ def report_verb(
     bags: tuple[Path, ...], out: Path | None, figures: Path | None, namespace: str | None, topics: tuple[str, ...],
     process: str | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """One self-contained page with plots of recorded runs, and its main figure as PNG beside it."""
+    """One self-contained page with plots of recorded runs, and its main figure as PNG beside it.
+
+    BAG is a rosbag2 bag, or a folder that ``fopid simulate --out`` wrote.
+    """
     from fopid_core.study.bags.bag import read_bag
+    from fopid_core.study.experiments.stored import is_simulated, read_simulated
     from fopid_core.study.reports.completeness import samples
     from fopid_core.study.reports.report import write_report
     from fopid_core.study.reports.segment_table import print_segments
     from fopid_core.study.reports.segments import segments
 
     places = _places(topics)
-    runs = [_with_process(read_bag(bag, namespace, topics=places), process) for bag in bags]
+    runs = [
+        _with_process(read_simulated(bag) if is_simulated(bag) else read_bag(bag, namespace, topics=places), process)
+        for bag in bags
+    ]
     folder = bags[0] if bags[0].is_dir() else bags[0].parent
     page, image = write_report(runs, out or folder / "report.html", figures)
     rows = [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -82,17 +81,11 @@ def _difference(found: Simulated, recorded: Run) -> float | None:
 
 def _write(found: Simulated, folder: Path) -> Mapping[str, str]:
     """The experiment, the trace and the report; what was written."""
+    from fopid_core.study.experiments.stored import write_simulated
     from fopid_core.study.reports.report import write_report
 
-    trace = folder / "trace.csv"
-    columns = {**asdict(found.trace), "disturbance": found.disturbance}
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "experiment.yaml").write_text(found.experiment.to_yaml(), encoding="utf-8")
-        with trace.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(columns)
-            writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+        trace = write_simulated(found, folder)
     except OSError as error:
         raise InputError(f"out {str(folder)!r}: {error.strerror}; allowed: a folder to write into") from None
     page, image = write_report([found.as_run(folder)], folder / "report.html")

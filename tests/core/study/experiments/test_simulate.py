@@ -20,7 +20,9 @@ from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.study.experiments.experiment import Experiment, Phase, read_experiment
 from fopid_core.study.experiments.profiles import Bag, Ramp, Steps
 from fopid_core.study.experiments.simulate import replayed, simulate_experiment
+from fopid_core.study.experiments.stored import read_simulated, write_simulated
 from fopid_core.study.experiments.tune_call import TuneCall
+from fopid_core.study.reports.segments import segments
 
 from ...cli.runner import invoke
 from ..recording import Recording, record_loop
@@ -147,6 +149,33 @@ def test_the_verb_writes_the_same_numbers_as_json_and_csv(tmp_path: Path) -> Non
     assert [(float(row["measurement"]), float(row["control"])) for row in rows] == expected
     assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
     assert [segment["name"] for segment in data["segments"]][-1] == "tuned"
+    again = json.loads(invoke(["report", str(tmp_path / "out"), "--json"]).stdout)
+    assert again["runs"][0]["segments"] == data["segments"]
+
+
+def test_a_simulated_run_is_read_back_as_it_was(tmp_path: Path) -> None:
+    phase = Phase("both", 5.0, setpoint=1.0, tune=TuneCall("rule", rule="simc-pi"))
+    found = simulate_experiment(replace(EXPERIMENT, phases=(*EXPERIMENT.phases, phase)))
+    write_simulated(found, tmp_path)
+    then, now = found.as_run(tmp_path), read_simulated(tmp_path)
+    assert repr(segments(now)) == repr(segments(then))
+    assert now.tunings[-1].gains == then.tunings[-1].gains
+    assert now.tunings[-1].loop(read_process("P1")) == then.tunings[-1].loop(read_process("P1"))
+    assert now.process == then.process
+    for name, signal in then.signals.items():
+        assert now.signals[name].value.tolist() == signal.value.tolist()
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [("trace.csv", "time,kp\n0,x\n"), ("trace.csv", ""), ("tunings.json", "{"), ("tunings.json", '[{"gains": 3}]')],
+)
+def test_a_damaged_simulated_run_is_said_in_one_line(tmp_path: Path, file: str, text: str) -> None:
+    write_simulated(simulate_experiment(EXPERIMENT), tmp_path)
+    (tmp_path / file).write_text(text)
+    ended = invoke(["report", str(tmp_path)])
+    assert (ended.exit_code, len(ended.stderr.splitlines())) == (2, 1)
+    assert str(tmp_path) in ended.stderr
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from fopid_core.study.reports.limit_figures import limit_history, limit_lines, l
 from fopid_core.study.reports.loop_figures import ISO_GAINS, loop_figures
 from fopid_core.study.reports.run import ParameterChange, Phase, Run, Signal
 from fopid_core.study.reports.signal_figures import comparison_figure, signals_figure
+from fopid_core.study.reports.step_figures import step_figures
 
 CONTROLLER = Fopid(kp=1.5, ki=0.6)
 LOOP = Loop(Process.parse("1/(s+1)^3"), CONTROLLER)
@@ -242,3 +243,26 @@ def test_a_comparison_shows_all_controls_but_the_kicks() -> None:
     low, high = figure["layout"]["yaxis2"]["range"]
     assert low < -1.0
     assert 4.0 <= high < 10.0
+
+
+def test_steps_before_and_after_lie_over_each_other_as_unit_steps() -> None:
+    time = np.arange(0.0, 40.0, 0.01)
+    one, two = 1.0 - np.exp(-time), 1.0 - np.exp(-3.0 * time)
+    half = time.size // 2
+    measured = np.concatenate([2.0 * one[:half], 2.0 + 4.0 * two[:half]])
+    setpoint = np.where(np.arange(time.size) < half, 2.0, 6.0)
+    kp = np.where(np.arange(time.size) < half, 1.0, 3.0)
+    state = {"time": time, "kp": kp, "ki": kp, "kd": 0 * kp, "lam": 1 + 0 * kp, "mu": 1 + 0 * kp}
+    signals = {"setpoint": setpoint, "measurement": measured, "control": 2.0 * measured}
+    run = Run(Path("run"), {name: Signal(time, value) for name, value in signals.items()}, state=state)
+    drawn = step_figures(run)
+    assert list(drawn) == ["setpoint-steps"]
+    for trace, expected in zip(drawn["setpoint-steps"]["data"][::2], (one, two), strict=True):
+        x, y = np.array(trace["x"][:-1]), np.array(trace["y"][:-1])
+        assert y == pytest.approx(np.interp(x, time, expected), abs=1e-3)
+
+
+def test_a_run_with_the_same_gains_all_along_has_nothing_to_lay_over_itself() -> None:
+    time = np.arange(0.0, 4.0, 0.01)
+    signals = {name: Signal(time, np.where(time < 2.0, 1.0, 2.0)) for name in ("setpoint", "measurement", "control")}
+    assert step_figures(Run(Path("run"), signals)) == {}

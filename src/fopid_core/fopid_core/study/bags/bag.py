@@ -14,6 +14,7 @@ from fopid_core.design.specification import Achieved
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.study.bags.files import opened
 from fopid_core.study.bags.topics import Recorded, read_topics
 from fopid_core.study.reports.run import ParameterChange, Phase, Run, Signal, Tuning
@@ -209,7 +210,19 @@ def _tuning(time: float, m: Any) -> Tuning:
         stable=m.achieved.stable,
         unmet=tuple(m.unmet),
         elapsed=m.elapsed,
+        **_two_degrees(getattr(m, "two_degrees", None)),
     )
+
+
+def _two_degrees(m: Any) -> dict[str, Any]:
+    """Filter and setpoint weights of a design; an older message has none."""
+    if m is None:
+        return {}
+    try:
+        slow = MeasurementFilter(int(m.measurement_filter_order), m.measurement_filter_time)
+        return {"filter": slow, "weights": SetpointWeights(m.setpoint_weight, m.derivative_setpoint_weight)}
+    except InputError:  # of a tuning that found nothing they are NaN
+        return {}
 
 
 def _parameter_changes(time: float, event: Any) -> Iterator[ParameterChange]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import pairwise
@@ -58,20 +58,31 @@ class Simulated:
 
     def as_run(self, path: Path) -> Run:
         """As if it had been recorded, for tables and reports."""
-        trace, experiment = self.trace, self.experiment
-        time = trace.time
-        columns = {"setpoint": trace.setpoint, "measurement": trace.measurement, "control": trace.control}
-        starts = zip(experiment.boundaries, experiment.phases, strict=False)
-        return Run(
-            path=path,
-            signals={
-                name: Signal(time, value) for name, value in (columns | {"disturbance": self.disturbance}).items()
-            },
-            state={"time": time, **columns, **dict(zip(GAINS, self.gains.T, strict=True))},
-            tunings=self.tunings,
-            phases=tuple(run.Phase(first * experiment.sample_time, p.name, "") for first, p in starts),
-            metadata={"experiment": experiment.to_yaml(), "process": experiment.process},
-        )
+        trace = self.trace
+        signals = {"setpoint": trace.setpoint, "measurement": trace.measurement, "control": trace.control}
+        signals["disturbance"] = self.disturbance
+        return run_of(self.experiment, path, trace.time, signals, self.gains, self.tunings)
+
+
+def run_of(
+    experiment: Experiment,
+    path: Path,
+    time: Floats,
+    signals: Mapping[str, Floats],
+    gains: Floats,
+    tunings: tuple[run.Tuning, ...],
+) -> Run:
+    """A run of an experiment from its signals and gains at each sample, shapes (n,) and (n, 5)."""
+    columns = {name: signals[name] for name in ("setpoint", "measurement", "control")}
+    starts = zip(experiment.boundaries, experiment.phases, strict=False)
+    return Run(
+        path=path,
+        signals={name: Signal(time, value) for name, value in signals.items()},
+        state={"time": time, **columns, **dict(zip(GAINS, gains.T, strict=True))},
+        tunings=tunings,
+        phases=tuple(run.Phase(first * experiment.sample_time, p.name, "") for first, p in starts),
+        metadata={"experiment": experiment.to_yaml(), "process": experiment.process},
+    )
 
 
 def simulate_experiment(experiment: Experiment, report: Report | None = None) -> Simulated:
@@ -164,7 +175,7 @@ class _Loop:
         )
         self.tunings.append(tuning)
         if tuning.applied and result.controller is not None:
-            self._change(dict(zip(GAINS, result.controller.gains, strict=True)), first, controller)
+            self._change(_parameters_of(result.controller, result), first, controller)
         else:
             self.not_applied.append(f"tuning by {call.method}: {'; '.join([tuning.message, *tuning.unmet])}")
 
@@ -184,6 +195,16 @@ class _Loop:
         return rows
 
 
+def _parameters_of(gains: Fopid, result: TuningResult) -> dict[str, Any]:
+    """The parameters that the tuner's node hands over: gains and filter, and the weights where they were chosen."""
+    slow, weights = result.filter, result.weights
+    found: dict[str, Any] = dict(zip(GAINS, gains.gains, strict=True))
+    found |= {"measurement_filter_order": slow.order, "measurement_filter_time": slow.time}
+    if result.method == "time":
+        found |= {"setpoint_weight": weights.proportional, "derivative_setpoint_weight": weights.derivative}
+    return found
+
+
 def _tuning(time: float, process: str, result: TuningResult, refused: str) -> run.Tuning:
     return run.Tuning(
         time=time,
@@ -193,6 +214,8 @@ def _tuning(time: float, process: str, result: TuningResult, refused: str) -> ru
         applied=not refused,
         message="; ".join(text for text in (result.message, refused or "applied") if text),
         gains=result.controller,
+        filter=result.filter,
+        weights=result.weights,
         achieved=result.achieved or Achieved(**dict.fromkeys((f.name for f in fields(Achieved)), math.nan)),
         stable=result.stable,
         unmet=result.unmet,

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from fopid_core.design.specification import Bound, TuningRequest, one_of, require
+from fopid_core.design.specification import STRUCTURES, Bound, TuningRequest, one_of, require
 from fopid_core.model.process import Process
 
 TIMEOUT = 30.0
 """Of the tuner's node [s]."""
+WEIGHTS = ("chosen", "one")
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,12 @@ class TuneCall:
     horizon: float = 0.0
     via: str = ""
     rule: str = ""
+    input: str = ""
+    structure: str = ""
+    mt_max: float = 0.0
+    noise_max: float = 0.0
+    filter_order: int = 0
+    setpoint_weights: str = ""
 
     def request(self, process: Process, sample_time: float) -> TuningRequest:
         """The core's request, as the tuner's node makes it with its parameters at their defaults.
@@ -51,6 +58,10 @@ class TuneCall:
             from fopid_core.design.rules import rule_names
 
             one_of("rule", self.rule, rule_names())
+        if self.structure:
+            one_of("structure", self.structure, tuple(STRUCTURES))
+        if self.setpoint_weights:
+            one_of("setpoint_weights", self.setpoint_weights, WEIGHTS)
         return TuningRequest(
             process,
             method=self.method,
@@ -64,6 +75,12 @@ class TuneCall:
             horizon=self.horizon or None,
             via=self.via or "none",
             rule=self.rule or None,
+            input=self.input or "setpoint",
+            structure=self.structure or None,
+            mt_max=self.mt_max or None,
+            noise_max=self.noise_max or None,
+            filter_order=self.filter_order,
+            two_degrees=self.setpoint_weights == "chosen" if self.setpoint_weights else None,
             sample_time=sample_time,
             timeout=TIMEOUT,
         )

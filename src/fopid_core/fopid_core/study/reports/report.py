@@ -10,7 +10,6 @@ import numpy as np
 
 from fopid_core.design.verification import achieved
 from fopid_core.errors import InputError
-from fopid_core.model.loop import Loop
 from fopid_core.model.process import TEST_BENCH
 from fopid_core.model.stability import stability
 from fopid_core.study.reports.completeness import samples
@@ -34,6 +33,7 @@ from fopid_core.study.reports.run import Run
 from fopid_core.study.reports.segment_table import number
 from fopid_core.study.reports.segments import Retuning, retunings, segments
 from fopid_core.study.reports.signal_figures import comparison_figure, signals_figure
+from fopid_core.study.reports.step_figures import step_figures
 
 MOST_TUNINGS = 12
 """Tunings shown; of more, the last ones."""
@@ -58,6 +58,11 @@ _ORIGINS = {
     "time": "tuned in time",
     "rule": "tuned by a rule",
     "by hand": "set by hand",
+}
+
+_STEPS = {
+    "setpoint-steps": "Each step of the setpoint as a unit step from rest, by the gains that were in force",
+    "load-steps": "Each step of the load, divided by its size",
 }
 
 Figures = dict[str, Figure]
@@ -145,11 +150,20 @@ def _run(run: Run, name: str, key: str, figures: Figures) -> str:
 {_facts(run)}{_warnings(run)}</header>
 <h2>Signals</h2>
 {plot(f"{key}-signals", _signals_caption(run), "signals")}
+{_steps(run, key, figures)}
 <h2>Phases</h2>
 {table(segments(run))}
 <p class="quiet">{_MEASURES}</p>
 {_tunings(run, key, figures)}
 {_what_was_run(run)}"""
+
+
+def _steps(run: Run, key: str, figures: Figures) -> str:
+    """The steps over each other, where the gains changed between them."""
+    drawn = step_figures(run)
+    figures |= {f"{key}-{name}": figure for name, figure in drawn.items()}
+    places = "\n".join(plot(f"{key}-{name}", _STEPS[name], "signals") for name in drawn)
+    return f"<h2>Before and after</h2>\n{places}" if drawn else ""
 
 
 def _process_text(run: Run) -> str:
@@ -226,7 +240,7 @@ def _loop(run: Run, change: Retuning, key: str, figures: Figures) -> str:
         return measures(change.tuning.achieved) if change.tuning else ""
     if not any((change.gains.kp, change.gains.ki, change.gains.kd)):
         return '<p class="quiet">All three gains are zero: there is no feedback, and no loop to judge.</p>'
-    loop = Loop(run.process, change.gains)
+    loop = change.loop(run.process)
     verdict = stability(loop)
     if not verdict.stable:
         return f'<p class="warning">With its nominal process this loop is not stable: {escape(verdict.reason)}.</p>'

@@ -15,7 +15,9 @@ from fopid_core.design.specification import Achieved
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process, read_process
+from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,12 @@ class Tuning:
     stable: bool
     unmet: tuple[str, ...]
     elapsed: float
+    filter: MeasurementFilter = NO_FILTER
+    weights: SetpointWeights = WHOLE_SETPOINT
+
+    def loop(self, process: Process) -> Loop | None:
+        """The loop as it was designed; None where there are no gains."""
+        return None if self.gains is None else Loop(process, self.gains, self.filter, self.weights)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from fopid_core.model.arrays import Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.indices import indices, overshoot_pct, peak, rise_time, settling_time
 from fopid_core.model.loop import Loop
+from fopid_core.model.process import Process
 from fopid_core.model.stability import stability
 from fopid_core.study.reports.run import Run, Signal, Tuning
 
@@ -38,6 +39,11 @@ class Retuning:
     gains: Fopid
     method: str
     tuning: Tuning | None = None
+
+    def loop(self, process: Process) -> Loop:
+        """The loop with these gains, and with the filter and the weights that were tuned with them."""
+        designed = self.tuning.loop(process) if self.tuning else None
+        return designed or Loop(process, self.gains)
 
 
 @dataclass(frozen=True)
@@ -279,7 +285,7 @@ def _control_peak(control: Signal, stretch: _Stretch) -> float:
 def _robustness(run: Run, force: Retuning | None) -> tuple[float, float]:
     """Ms and phase margin [rad] of the loop: from its process, or else as the tuner gave them."""
     if force and run.process:
-        loop = Loop(run.process, force.gains)
+        loop = force.loop(run.process)
         found = achieved(loop) if stability(loop).stable else None
     else:
         found = force.tuning.achieved if force and force.tuning else None

@@ -30,13 +30,13 @@ def signals_figure(run: Run) -> Figure:
         panels.append(["disturbance"])
     panels = [[name for name in names if name in run.signals] for names in panels]
     changes = retunings(run)[1:]
-    layout = _stacked([names[-1] for names in panels])
+    layout = stacked([names[-1] for names in panels])
     spikes = _leave_out_spikes(run.signals["control"], layout["yaxis2"]) if "control" in run.signals else []
     layout["shapes"] = [*_phase_shades(run), *limit_lines(run), *map(_retuning_line, changes)]
     gap = layout["yaxis"]["domain"][0] - 0.5 * _GAP
     layout["annotations"] = [*_phase_labels(run), *_retuning_labels(changes, run, gap), *spikes]
     data = [
-        _curve(run.signals[name], name, _COLOURS[name], _axis(i), run.end, held=name != "measurement")
+        curve(run.signals[name], name, _COLOURS[name], _axis(i), run.end, held=name != "measurement")
         for i, names in enumerate(panels)
         for name in names
     ]
@@ -48,11 +48,11 @@ def comparison_figure(runs: Sequence[Run], names: Sequence[str]) -> Figure:
     data = _setpoints(runs)
     for run, name, colour, dash in zip(runs, names, cycle((BLUE, RED, GREEN, VIOLET)), cycle(_DASHES), strict=False):
         for panel, signal in enumerate(("measurement", "control")):
-            curve = _curve(_aligned(run, signal), name, colour, _axis(panel), run.end - beginning(run),
+            drawn = curve(_aligned(run, signal), name, colour, _axis(panel), run.end - beginning(run),
                            held=signal == "control")  # fmt: skip
-            curve["line"]["dash"] = dash
-            data.append({**curve, "legendgroup": name, "showlegend": panel == 0})
-    layout = _stacked(["measurement", "control"])
+            drawn["line"]["dash"] = dash
+            data.append({**drawn, "legendgroup": name, "showlegend": panel == 0})
+    layout = stacked(["measurement", "control"])
     controls = [run.signals["control"].value for run in runs]
     shown = [spike_free_range(control) or (np.nanmin(control), np.nanmax(control)) for control in controls]
     if any(map(spike_free_range, controls)):
@@ -63,7 +63,7 @@ def comparison_figure(runs: Sequence[Run], names: Sequence[str]) -> Figure:
 def _setpoints(runs: Sequence[Run]) -> list[Figure]:
     """The setpoint of each run, once where they are the same."""
     curves = [
-        _curve(_aligned(run, "setpoint"), "setpoint", GREY, "y", run.end - beginning(run), held=True)
+        curve(_aligned(run, "setpoint"), "setpoint", GREY, "y", run.end - beginning(run), held=True)
         for run in runs
         if "setpoint" in run.signals
     ]
@@ -79,7 +79,8 @@ def _axis(panel: int) -> str:
     return "y" if panel == 0 else f"y{panel + 1}"
 
 
-def _curve(signal: Signal, name: str, colour: str, axis: str, end: float, *, held: bool) -> Figure:
+def curve(signal: Signal, name: str, colour: str, axis: str, end: float, *, held: bool) -> Figure:
+    """A signal up to ``end`` [s], thinned out; one that is held goes in stairs."""
     time, value = decimate(signal.time, signal.value, _STRETCHES)
     if time[-1] < end:
         time, value = np.append(time, end), np.append(value, value[-1])
@@ -87,7 +88,7 @@ def _curve(signal: Signal, name: str, colour: str, axis: str, end: float, *, hel
     return line(time, value, name, colour, yaxis=axis, shape=shape)
 
 
-def _stacked(titles: Sequence[str]) -> Figure:
+def stacked(titles: Sequence[str]) -> Figure:
     """Panels over one time axis, the first twice as high as the others."""
     unit = (1.0 - _GAP * (len(titles) - 1)) / (len(titles) + 1)
     layout: Figure = {"hovermode": "x unified", "hoversubplots": "axis", "showlegend": True}
