@@ -41,7 +41,8 @@ class Limit:
     bound : float
         A lower bound, by weak duality.
     resolution_error : float
-        Estimate of how much higher it may become on finer grids; 0 where it is known in closed form.
+        Estimate of how much higher it may become on finer grids; 0 where it is known in closed form, NaN where the
+        grids show nothing.
     index, input : str
     ms_max, mt_max, noise_max : float
         What was asked.
@@ -139,7 +140,8 @@ def limit(
             zeros[zeros.real * until >= FADED], ms, _on_t(process, on_t, noise, sample_time), index == "ise",
         )  # fmt: skip
         (fine, took), (coarse, before) = (lower_bound(task, until, count) for count in (cells, max(cells // 2, 8)))
-        error, took, used = DOUBT * abs(fine - coarse), took + before, cells
+        error = DOUBT * abs(fine - coarse) if fine > 0.0 else math.nan
+        took, used = took + before, cells
         bound = max(bound, fine, coarse)
     return Limit(bound, error, index, input, ms, mt, noise, until, used, took, clock() - begun)
 
