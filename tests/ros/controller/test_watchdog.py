@@ -170,7 +170,7 @@ def test_a_rival_whose_clock_is_an_hour_ahead_is_an_error_and_by_choice_the_safe
         publisher.publish(stamped(1e9, time.time_ns() + HOUR))
         graph.spin(0.01)
     assert all(state.measurement == 0.5 for state in fed.states[before:])
-    assert graph.set("fopid_controller", on_rivals="safe").successful
+    assert graph.set("fopid_controller", on_several_publishers="safe").successful
     fed.wait(lambda state: state.control == -0.25)
     rival.destroy_publisher(publisher)
     back = fed.wait(lambda state: state.control != -0.25)

@@ -147,7 +147,15 @@ def test_every_parameter_of_the_nodes_that_numbers_depend_on_can_be_written_in_a
     signals = tuple(spec.name.removesuffix("type") for spec in specs if spec.name.endswith(".type"))
     of_messages = {spec.name for spec in specs if spec.name.startswith(signals)}
     of_messages |= {spec.name for spec in specs if spec.name.endswith("_timeout")}
-    of_messages |= {"clock_skew_max", "state_rate", "on_stale", "on_rivals", "directory", "gains_file", "retain"}
+    of_messages |= {
+        "clock_skew_max",
+        "state_rate",
+        "on_stale",
+        "on_several_publishers",
+        "directory",
+        "gains_file",
+        "retain",
+    }
     of_messages |= {"gains.status", "gains.origin", "gains.certificate", "allow_zero_gains"}
     of_messages |= {"back_calculation.enabled", "pid_state.enabled", "controller_state.enabled"}
     assert {spec.name for spec in specs} - OF_THE_EXPERIMENT - OF_A_SCHEDULE - of_messages == set(known)

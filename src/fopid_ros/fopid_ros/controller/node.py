@@ -189,7 +189,7 @@ class ControllerNode(TickingNode):
     @property
     def _contested(self) -> bool:
         """Whether the safe control is wanted since several nodes publish an input that is in use."""
-        if not self._contested_topics or self._values["on_rivals"] != "safe":
+        if not self._contested_topics or self._values["on_several_publishers"] != "safe":
             return False
         manual = self._controller.state.mode == "manual"
         return any((topic == "manual_control") == manual for topic in self._contested_topics)

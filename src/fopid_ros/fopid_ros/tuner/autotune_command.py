@@ -96,12 +96,16 @@ class _Lines:
 
     def __init__(self) -> None:
         self._last: tuple[str, str, int] | None = None
+        self._announced = False
 
     def tell(self, stage: Autotune.Feedback) -> None:
         """Write a line on stderr when there is something new."""
         now = (stage.phase, stage.message, int(10.0 * stage.progress))
         if now == self._last:
             return
+        if stage.remaining > 0.0 and not self._announced:
+            self._announced = True
+            print(f"the experiment takes {stage.remaining:.0f} s", file=sys.stderr, flush=True)
         self._last = now
         left = f", {stage.remaining:.0f} s to go" if stage.remaining > 0.0 else ""
         said = f": {stage.message}" if stage.message else ""

@@ -19,7 +19,7 @@ _SETTINGS = tuple(field.name for field in fields(ControllerSettings) if field.na
 _BAND = {"band.low": float, "band.high": float, "band.poles": int}
 _OF_THE_NODE = {
     **{f"{signal}_timeout": float for signal in SIGNALS if signal != "control"},
-    "clock_skew_max": float, "on_stale": str, "on_rivals": str, "autostart": bool, "allow_zero_gains": bool,
+    "clock_skew_max": float, "on_stale": str, "on_several_publishers": str, "autostart": bool, "allow_zero_gains": bool,
     "state_rate": float, "trial_timeout": float, "directory": str, "gains_file": str, "retain": bool,
     "gains.status": str, "gains.origin": str, "gains.certificate": str,
     "tracking.enabled": bool, "tracking.required": bool, "back_calculation.enabled": bool,

@@ -226,7 +226,7 @@ class JointsNode(TickingNode):
         mode = self._values["mode"]
         wanted = [one for one in rivalries if one.sure and one.topic != "control"
                   and (one.topic == "manual_control") == (mode == "manual")]  # fmt: skip
-        self._contested = bool(wanted) and self._values["on_rivals"] == "safe"
+        self._contested = bool(wanted) and self._values["on_several_publishers"] == "safe"
         facts: dict[str, object] = {
             **rates, "mode": mode, "ticks": counts.ticks, "overruns": counts.late_ticks,
             "stale ticks": counts.stale_ticks, "non-finite inputs refused": counts.refused_values - counts.stamps_ahead,

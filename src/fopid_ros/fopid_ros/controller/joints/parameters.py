@@ -23,8 +23,8 @@ OF_A_JOINT = (
 OF_ALL = (
     "sample_time", "band.low", "band.high", "band.poles", "horizon", "measurement_timeout", "setpoint_timeout",
     "manual_control_timeout", "feedforward_timeout", "tracking_timeout", "tracking.enabled", "on_stale",
-    "clock_skew_max", "on_rivals", "state_rate", "allow_zero_gains", "mode", "trigger", "directory", "gains_file",
-    "retain", "trial_timeout",
+    "clock_skew_max", "on_several_publishers", "state_rate", "allow_zero_gains", "mode", "trigger", "directory",
+    "gains_file", "retain", "trial_timeout",
 )  # fmt: skip
 TRAVELS = {
     **dict.fromkeys(("setpoint", "measurement"), ("sensor_msgs/msg/JointState", "position")),
