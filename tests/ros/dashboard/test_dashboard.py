@@ -166,8 +166,8 @@ def test_new_gains_arrive_at_once_and_go_back_step_by_step(graph: Graph) -> None
     wait_for(dashboard, "controller")
     assert dashboard.ask("rollback") == (409, "no earlier gains are known")
     events = graph.listen(ParameterEvent, "/parameter_events")
-    weights = itertools.cycle((0.5, 1.0))
-    graph.until(lambda: graph.set("fopid_controller", setpoint_weight=next(weights)) and events, "events")
+    timeouts = itertools.cycle((5.0, 6.0))  # no part of what is undone
+    graph.until(lambda: graph.set("fopid_controller", trial_timeout=next(timeouts)) and events, "events")
     graph.spin(0.3)
     events.clear()
     second = dict(zip(GAINS, (1.0, 0.4, 0.2, 1.1, 0.9), strict=True))

@@ -14,11 +14,11 @@ from rclpy.task import Future
 
 from fopid_core.errors import InputError
 from fopid_ros.dashboard.history import Cursor, History, thinned
-from fopid_ros.dashboard.node import tuning_request
+from fopid_ros.dashboard.inputs import tuning_request
 from fopid_ros.dashboard.remote_parameters import RefusedError, answer
-from fopid_ros.dashboard.undo import Undo
+from fopid_ros.dashboard.undo import MOST_SETS, GainHistory
 
-MODULES = ("history", "main", "node", "remote_parameters", "undo", "web")
+MODULES = ("history", "main", "node", "health", "inputs", "live", "remote_parameters", "undo", "web")
 derandomized = settings(derandomize=True, deadline=None, max_examples=60)
 values = st.floats(-1e6, 1e6) | st.just(math.nan)
 
@@ -121,24 +121,35 @@ def test_of_two_rows_of_one_instant_the_later_one_is_kept() -> None:
 @derandomized
 @given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=20, unique=True))
 def test_going_back_again_and_again_passes_all_gains_in_reverse(kps: list[float]) -> None:
-    undo, passed = Undo(), []
+    undo, passed = GainHistory(), []
     for kp in kps:
         undo.record({"kp": kp})
         undo.record({"kp": kp})  # told twice, as a restart of the page would
     while (previous := undo.previous) is not None:
-        passed.append(previous["kp"])
-        undo.record(previous)
+        passed.append(previous.gains["kp"])
+        undo.record(previous.gains)
     assert passed == kps[-2::-1]
 
 
-def test_no_more_than_fifty_sets_of_gains_are_remembered() -> None:
-    undo, steps = Undo(), 0
-    for kp in range(80):
-        undo.record({"kp": kp})
-    while (previous := undo.previous) is not None:
-        undo.record(previous)
-        steps += 1
-    assert steps == 50
+def test_no_more_than_two_hundred_sets_are_remembered_and_the_verified_one_always() -> None:
+    history = GainHistory(lambda: 0.0)
+    history.record({"kp": -1.0, "gains.status": "verified"})
+    for kp in range(500):
+        history.record({"kp": float(kp), "gains.status": "set"})
+    assert len(history.sets) == MOST_SETS
+    assert history.last_verified.gains == {"kp": -1.0}
+    assert [one.gains["kp"] for one in history.sets[1:]] == [float(kp) for kp in range(500 - MOST_SETS + 1, 500)]
+    assert history.find(history.present.number) is history.present
+
+
+def test_a_trial_is_told_as_one_and_what_it_came_to() -> None:
+    history = GainHistory(lambda: 7.0)
+    for kp, status in ((1.0, "set"), (2.0, "trial"), (2.0, "verified"), (3.0, "trial"), (2.0, "verified")):
+        history.record({"kp": kp, "gains.status": status, "gains.origin": "/fopid_tuner"})
+    assert [(one["gains"]["kp"], one["status"], one["ended"]) for one in history.told()] == [
+        (2.0, "verified", ""), (3.0, "trial", "taken back"), (2.0, "verified", "kept"), (1.0, "set", ""),
+    ]  # fmt: skip
+    assert [one["present"] for one in history.told()] == [True, False, False, False]
 
 
 @pytest.mark.parametrize(("seconds", "is_there"), [(0.0, True), (60.0, False)])
@@ -162,6 +173,7 @@ def test_an_answer_is_taken_when_it_is_there() -> None:
         ({"method": 3}, "method = 3; allowed: a text"),
         ({"apply": 1}, "apply = 1; allowed: true or false"),
         ({"timeout": 1e9}, "field = 'timeout'"),
+        ({"phase_margin_deg": 200}, "phase margin = 200 deg; allowed: up to 180"),
     ],
 )
 def test_fields_of_a_tuning_are_checked(fields: dict, named: str) -> None:

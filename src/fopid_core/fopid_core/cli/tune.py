@@ -190,7 +190,7 @@ def _tune(request: TuningRequest, certified: bool, before: str | None, plot: Pat
 
 def _radians(degrees: float) -> float:
     if not 0.0 < degrees < 180.0:
-        raise InputError(f"phase-margin = {degrees:g}; allowed: above 0 and below 180 degrees")
+        raise InputError(f"phase-margin = {degrees:g} deg; allowed: up to 180, 0 and 180 not included")
     return math.radians(degrees)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,6 +83,30 @@ class RunningGains:
 
 
 @dataclass(frozen=True)
+class Candidate:
+    """What one method found.
+
+    Attributes
+    ----------
+    name : str
+        Structure and method.
+    tuned : RobustTuning
+    worth : LoopWorth or None
+        On the learnt process; None without gains.
+    refusal : str
+        Why it may not be used; empty when it may.
+    score : float
+        Beside what runs: the less the better.
+    """
+
+    name: str
+    tuned: RobustTuning
+    worth: LoopWorth | None
+    refusal: str
+    score: float = math.inf
+
+
+@dataclass(frozen=True)
 class Improvement:
     """The outcome of a search for better gains.
 
@@ -93,11 +117,14 @@ class Improvement:
     message : str
     tuned : RobustTuning
         The best, or what came nearest.
+    candidates : tuple of Candidate
+        One of each method that was tried, the best first, those that may not be used last.
     """
 
     success: bool
     message: str
     tuned: RobustTuning
+    candidates: tuple[Candidate, ...] = ()
 
 
 def improve(
@@ -108,6 +135,7 @@ def improve(
     compare: bool = True,
     refuse: Callable[[RobustTuning], str] = lambda _: "",
     clock: Clock = time.perf_counter,
+    every: bool = False,
 ) -> Improvement:
     """The best design on a learnt process, if it beats the gains that run.
 
@@ -125,12 +153,15 @@ def improve(
         Why a design may not be used, or nothing.
     clock : callable
         Gives the time [s].
+    every : bool
+        Whether one of each structure and rule is made, also when a better one is known.
     """
     if not identified.success or identified.best is None:
         return Improvement(False, identified.message, tune_robustly(identified, request, limits, clock))
     judge = _Judge(identified.best.process, request.sample_time, running, limits.ms_max)
     trial = _Trial(identified, limits, refuse, clock, judge, [])
-    for promised, wanted in _promising(identified, request, judge) if compare else ():
+    promising = _promising(identified, request, judge) if compare else []
+    for promised, wanted in promising[:MOST_VERIFIED]:
         if judge.best is not None and judge.best[0] <= promised:
             break
         trial.make(wanted)
@@ -139,11 +170,15 @@ def improve(
         if request.method == "frequency" and judge.crossover and judge.noise_excess > 1.0:
             for share in SLOWER:
                 trial.make(replace(request, crossover=share * judge.crossover))
+    if every:
+        trial.make_others(wanted for _, wanted in promising)
+    candidates = _one_of_each(trial.made)
     if judge.best is None:
-        tuned, reason = trial.refused[0]
-        return Improvement(False, f"{reason}; none of {len(trial.refused)} designs is better than what runs", tuned)
+        first = trial.made[0]
+        told = f"{first.refusal}; none of {len(trial.made)} designs is better than what runs"
+        return Improvement(False, told, first.tuned, candidates)
     _, tuned, wanted = judge.best
-    return Improvement(True, f"{tuned.message}; {judge.told(tuned, wanted.rule or wanted.method)}", tuned)
+    return Improvement(True, f"{tuned.message}; {judge.told(tuned, wanted.rule or wanted.method)}", tuned, candidates)
 
 
 @dataclass(frozen=True)
@@ -155,7 +190,7 @@ class _Trial:
     refuse: Callable[[RobustTuning], str]
     clock: Clock
     judge: _Judge
-    refused: list[tuple[RobustTuning, str]]
+    made: list[Candidate]
 
     def make(self, wanted: TuningRequest) -> None:
         """Make a design; the judge keeps it if it is the best."""
@@ -164,10 +199,33 @@ class _Trial:
             return
         reason = "" if tuned.success else tuned.message
         reason = reason or self.refuse(tuned) or self.judge.reason(tuned)
-        if reason:
-            self.refused.append((tuned, reason))
-        else:
+        if not reason:
             self.judge.take(tuned, wanted)
+        tuning, worth = tuned.tuning, None
+        if tuning is not None and tuning.controller is not None:
+            worth = self.judge.worth(_loop(self.judge.process, tuning))
+        score = math.inf if reason or worth is None else self.judge.score(worth)
+        self.made.append(Candidate(_name(wanted), tuned, worth, reason, score))
+
+    def make_others(self, requests: Iterable[TuningRequest]) -> None:
+        """Make the first of each structure and rule that has not been made, for comparison."""
+        for wanted in requests:
+            if _name(wanted) not in {one.name for one in self.made}:
+                self.make(wanted)
+
+
+def _name(wanted: TuningRequest) -> str:
+    """Structure and method, as a person calls them."""
+    return wanted.rule or f"{(wanted.structure or 'fopid').upper()} {wanted.method}"
+
+
+def _one_of_each(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The best of each method, the best of all first; the newest where none may be used."""
+    by_name: dict[str, Candidate] = {}
+    for one in found:
+        if one.name not in by_name or one.score <= by_name[one.name].score:
+            by_name[one.name] = one
+    return tuple(sorted(by_name.values(), key=lambda one: (bool(one.refusal), one.score)))
 
 
 def _tuned(
@@ -214,7 +272,7 @@ def _promising(
             looked_at(replace(best, noise_rms_max=share * usual.noise_rms_max))
     for rule in RULES:
         looked_at(replace(request, method="rule", rule=rule))
-    return sorted(found, key=lambda one: one[0])[:MOST_VERIFIED]
+    return sorted(found, key=lambda one: one[0])
 
 
 def _in_time(request: TuningRequest, judge: _Judge, identified: IdentificationResult) -> TuningRequest:

@@ -25,6 +25,21 @@ class _Dumper(yaml.SafeDumper):
 _Dumper.add_representer(_Text, lambda dumper, text: dumper.represent_scalar("tag:yaml.org,2002:str", text, style="'"))
 
 
+def parameter_text(node: str, values: Mapping[str, Value]) -> str:
+    """What such a file says of a node.
+
+    Examples
+    --------
+    >>> print(parameter_text("/tuner", {"via": "none", "timeout": 30.0}), end="")
+    /tuner:
+      ros__parameters:
+        via: 'none'
+        timeout: 30.0
+    """
+    quoted = {name: _Text(value) if isinstance(value, str) else value for name, value in values.items()}
+    return yaml.dump({node: {"ros__parameters": quoted}}, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
+
+
 def write_parameter_file(path: Path, node: str, values: Mapping[str, Value]) -> None:
     """Write a ROS parameter file so that at every instant the old file or the new one is there, whole.
 
@@ -43,8 +58,7 @@ def write_parameter_file(path: Path, node: str, values: Mapping[str, Value]) -> 
         If it cannot be written; what was there before is there still.
     """
     target = _target(path)
-    quoted = {name: _Text(value) if isinstance(value, str) else value for name, value in values.items()}
-    text = yaml.dump({node: {"ros__parameters": quoted}}, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
+    text = parameter_text(node, values)
     temporary = target.with_name(f".{target.name}.{os.getpid()}")
     try:
         with temporary.open("w", encoding="utf-8") as file:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import time
 from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -17,6 +18,9 @@ from fopid_ros.dashboard.node import KEPT_ROWS, DashboardNode
 
 PERIOD = 0.05
 """Time between two messages to a browser [s]."""
+
+FACTS_PERIOD = 0.2
+"""Between two words on how the loop is [s]; they come also when nothing else does."""
 
 MOST_BROWSERS = 32
 """So many are served at a time; beyond, those that have never answered make room."""
@@ -73,17 +77,19 @@ class LiveHandler(Guarded, WebSocketHandler):
     async def _feed(self) -> None:
         node: DashboardNode = self.settings["node"]
         await self.answered.wait()
-        place, told = Cursor(), None
+        place, told, facts_at = Cursor(), {}, -math.inf
         while True:
             rows, now = node.history.since(place)
             news: dict[str, Any] = {"fresh": now.record != place.record}
             place = now
-            status = node.status()
-            if status != told:
-                news["status"] = told = status
-            if rows:
-                news["facts"] = node.facts()
-            if rows or "status" in news:
+            for name, tell in node.sections().items():
+                section = tell()
+                if section != told.get(name):
+                    news[name] = told[name] = section
+            if time.monotonic() - facts_at >= FACTS_PERIOD:
+                facts_at = time.monotonic()
+                news["facts"] = node.health.facts()
+            if rows or len(news) > 1:
                 try:
                     await self.write_message(_message(rows, news))
                 except WebSocketClosedError:
@@ -98,14 +104,14 @@ def _message(rows: Iterable[Row], news: dict[str, Any]) -> str:
 
 @lru_cache(2 * KEPT_ROWS)
 def row_text(row: Row) -> str:
-    """A row as JSON: six digits of a signal, time to 0.1 ms, null where there is no number; written once for all.
+    """A row as JSON: eight digits of a signal, time to 0.1 ms, null where there is no number; written once for all.
 
     Examples
     --------
     >>> row_text((0.12345, 1.0, 6.9e95, math.nan))
     '[0.1235,1.0,6.9e+95,null]'
     """
-    numbers = [round(row[0], 4), *(float(f"{x:.6g}") if math.isfinite(x) else None for x in row[1:])]
+    numbers = [round(row[0], 4), *(float(f"{x:.8g}") if math.isfinite(x) else None for x in row[1:])]
     return json.dumps(numbers, separators=(",", ":"))
 
 

@@ -145,3 +145,89 @@ class RemoteParameters:
         response = await answer(self._client.set_parameters_atomically(parameters), self.name, ANSWER_TIME)
         if not response.result.successful:
             raise RefusedError(response.result.reason)
+
+
+class AllParameters:
+    """All parameters of another node, read when somebody wants to see them.
+
+    Parameters
+    ----------
+    node : Node
+    name : str
+        The other node.
+    """
+
+    def __init__(self, node: Node, name: str) -> None:
+        self._client = AsyncParameterClient(node, name)
+        self.name = node.resolve_service_name(f"{name}/get_parameters").removesuffix("/get_parameters")
+        self._first: dict[str, Any] = {}
+
+    async def read(self) -> list[dict[str, Any]] | None:
+        """Each with its value, range and description; None when the node is not there."""
+        if not self._client.services_are_ready():
+            return None
+        listed = await answer(self._client.list_parameters(), self.name, ANSWER_TIME)
+        names = sorted(name for name in listed.result.names if not name.startswith("qos_overrides."))
+        described = await answer(self._client.describe_parameters(names), self.name, ANSWER_TIME)
+        got = await answer(self._client.get_parameters(names), self.name, ANSWER_TIME)
+        pairs = zip(described.descriptors, got.values, strict=False)
+        return [self._told(descriptor, parameter_value_to_python(value)) for descriptor, value in pairs]
+
+    def _told(self, descriptor: ParameterDescriptor, value: Any) -> dict[str, Any]:
+        low, high = _range(descriptor)
+        first = self._first.setdefault(descriptor.name, value)
+        return {
+            "name": descriptor.name, "value": _as_json(value), "first": _as_json(first),
+            "type": _type_name(descriptor.type, value), "description": descriptor.description,
+            "constraints": descriptor.additional_constraints, "low": low, "high": high,
+            "read_only": descriptor.read_only,
+        }  # fmt: skip
+
+    async def set(self, name: str, value: Any) -> str:
+        """Set one; a text of digits serves as the number it looks like, as on a command line.
+
+        Raises
+        ------
+        RefusedError
+            With the other node's reason, or because it is not there.
+        """
+        if not self._client.services_are_ready():
+            raise RefusedError(f"{self.name} is not there")
+        got = await answer(self._client.get_parameters([name]), self.name, ANSWER_TIME)
+        present = parameter_value_to_python(got.values[0]) if got.values else None
+        wanted = _as_type_of(present, value)
+        parameter = [Parameter(name, value=wanted)]
+        response = await answer(self._client.set_parameters_atomically(parameter), self.name, ANSWER_TIME)
+        if not response.result.successful:
+            raise RefusedError(response.result.reason)
+        return f"{name} = {wanted}"
+
+
+def _as_json(value: Any) -> Any:
+    """JSON has neither infinity nor NaN: they travel as texts."""
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _type_name(number: int, value: Any) -> str:
+    names = {1: "bool", 2: "integer", 3: "double", 4: "string"}
+    return names.get(number, type(value).__name__)
+
+
+def _as_type_of(present: Any, value: Any) -> Any:
+    """What was typed, as a value of the parameter's type where it can be one; the node says what is wrong otherwise.
+
+    Examples
+    --------
+    >>> _as_type_of(1.0, "inf"), _as_type_of(1.0, 2), _as_type_of(3, "4"), _as_type_of("a", "1"), _as_type_of(1.0, "x")
+    (inf, 2.0, 4, '1', 'x')
+    """
+    if isinstance(value, list):
+        return [str(one) for one in value]
+    if isinstance(present, bool) or isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        return value if isinstance(value, (bool, int, float, str)) else str(value)
+    if isinstance(present, (int, float)):
+        try:
+            return type(present)(str(value))  # a whole number from 2.5 is none
+        except (ValueError, OverflowError):
+            return value
+    return str(value)

@@ -1,46 +1,146 @@
-"""The gains that ran before."""
+"""All gain sets of the run: who set them, when, and whether they were verified."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
-Gains = Mapping[str, float]
+GAINS = ("kp", "ki", "kd", "lam", "mu")
+DESIGN = (*GAINS, "measurement_filter_order", "measurement_filter_time", "setpoint_weight",
+          "derivative_setpoint_weight")  # fmt: skip
+"""What a tuning may change: it comes back together."""
+PROVENANCE = ("gains.status", "gains.origin", "gains.certificate")
+"""Parameters of the controller that say where its gains come from."""
+MOST_SETS = 200
+"""So many are kept; the last verified one is always among them."""
 
-MOST_STEPS = 50
+
+@dataclass(frozen=True)
+class GainSet:
+    """Gains that the controller ran with.
+
+    Attributes
+    ----------
+    number : int
+        Counts up from 1.
+    design : mapping
+        The five gains, filter and setpoint weights by the names of their parameters.
+    status : str
+        ``set``, ``trial`` or ``verified``; empty where the controller does not say.
+    origin : str
+        Who set them, and why, as whoever set them said.
+    certificate : str
+        A proof that they hold the loop, where there is one.
+    since : float
+        When they came into force [s since 1970].
+    ended : str
+        What a trial came to; empty otherwise.
+    """
+
+    number: int
+    design: Mapping[str, float]
+    status: str
+    origin: str
+    certificate: str
+    since: float
+    ended: str = ""
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What brings them back, with what is known of them; a trial that was given up is not known to hold."""
+        known = {"gains.status": "verified", "gains.certificate": self.certificate} if self.verified else {}
+        return {**self.design, **known}
+
+    @property
+    def gains(self) -> dict[str, float]:
+        """The five gains."""
+        return {name: self.design[name] for name in GAINS if name in self.design}
+
+    @property
+    def verified(self) -> bool:
+        """Whether somebody verified them."""
+        return self.status == "verified"
+
+    def told(self, present: int) -> dict[str, Any]:
+        """For the page."""
+        return {
+            "number": self.number, "gains": self.gains, "status": self.status, "origin": self.origin,
+            "proved": bool(self.certificate), "since": self.since, "ended": self.ended,
+            "present": self.number == present,
+        }  # fmt: skip
 
 
-class Undo:
-    """Remembers each set of gains that another one took the place of.
+class GainHistory:
+    """Remembers each set of gains, whoever set it; it only watches.
 
-    It only watches, so it does not matter who changed the gains; going back is seen as a step back, not as a new one.
+    Parameters
+    ----------
+    now : callable
+        Time [s since 1970].
 
     Examples
     --------
-    >>> undo = Undo()
-    >>> for kp in (1.0, 2.0, 3.0):
-    ...     undo.record({"kp": kp})
-    >>> undo.previous
-    {'kp': 2.0}
-    >>> undo.record(undo.previous)
-    >>> undo.previous
-    {'kp': 1.0}
+    >>> history = GainHistory(lambda: 0.0)
+    >>> for kp, status in ((1.0, "verified"), (2.0, "set"), (3.0, "set")):
+    ...     history.record({"kp": kp, "gains.status": status})
+    >>> history.previous.gains, history.last_verified.number
+    ({'kp': 2.0}, 1)
+    >>> history.record({"kp": 2.0})
+    >>> history.previous.gains, [one.number for one in history.sets]
+    ({'kp': 1.0}, [1, 2, 3, 4])
     """
 
-    def __init__(self) -> None:
-        self._present: Gains | None = None
-        self._before: list[Gains] = []
+    def __init__(self, now: Callable[[], float] = time.time) -> None:
+        self._now, self._count = now, 0
+        self.sets: list[GainSet] = []
 
     @property
-    def previous(self) -> Gains | None:
-        """What to go back to; None when nothing came before."""
-        return self._before[-1] if self._before else None
+    def present(self) -> GainSet | None:
+        """The gains in force."""
+        return self.sets[-1] if self.sets else None
 
-    def record(self, gains: Gains) -> None:
-        """Take note of the gains that run now."""
-        if gains == self._present:
+    @property
+    def previous(self) -> GainSet | None:
+        """The newest before those in force, without what was gone back over; None when nothing came before."""
+        trail: list[GainSet] = []
+        for one in self.sets:  # going back to the set before is a step back, and what it left is gone
+            if len(trail) > 1 and one.design == trail[-2].design:
+                trail.pop()
+            else:
+                trail.append(one)
+        return trail[-2] if len(trail) > 1 else None
+
+    @property
+    def last_verified(self) -> GainSet | None:
+        """The newest set that was verified."""
+        return next((one for one in reversed(self.sets) if one.verified), None)
+
+    def find(self, number: int) -> GainSet | None:
+        """The set of this number."""
+        return next((one for one in self.sets if one.number == number), None)
+
+    def record(self, values: Mapping[str, Any]) -> None:
+        """Take note of the controller's parameters as they are now."""
+        design = {name: values[name] for name in DESIGN if name in values}
+        if not design:
             return
-        if gains == self.previous:
-            self._before.pop()
-        elif self._present is not None:
-            self._before = [*self._before, self._present][-MOST_STEPS:]
-        self._present = gains
+        status, origin, certificate = (str(values.get(name, "")) for name in PROVENANCE)
+        now = self.present
+        if now is not None and now.design == design:
+            ended = "kept" if now.status == "trial" and status == "verified" else now.ended
+            self.sets[-1] = replace(now, status=status, origin=origin, certificate=certificate, ended=ended)
+            return
+        if now is not None and now.status == "trial":
+            self.sets[-1] = replace(now, ended="taken back")
+        self._count += 1
+        self.sets.append(GainSet(self._count, design, status, origin, certificate, self._now()))
+        if len(self.sets) > MOST_SETS:
+            kept = self.last_verified
+            self.sets.pop(1 if self.sets[0] is kept else 0)
+
+    def told(self) -> list[dict[str, Any]]:
+        """For the page, the newest first."""
+        present = self._count
+        return [one.told(present) for one in reversed(self.sets)]

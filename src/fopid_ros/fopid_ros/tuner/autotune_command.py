@@ -39,6 +39,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--phase-margin", type=float, default=0.0, metavar="DEG", help="to reach [deg]")
     add("--crossover", type=float, default=0.0, metavar="RAD_S", help="to reach [rad/s]")
     add("--ms-max", type=float, default=0.0, metavar="X", help="bound on max |S|")
+    add("--plan", dest="plan_only", action="store_true", help="tell what would be done and how long it takes; no more")
     add("--propose-only", action="store_true", help="tell the gains, do not apply them")
     return parser
 
@@ -47,8 +48,8 @@ def main(args: Sequence[str] | None = None) -> int:
     """Entry point of the executable ``autotune``; 0 done, 2 bad input, 3 nothing that could be applied."""
     given = list(sys.argv[1:] if args is None else args)
     options = vars(_parser().parse_args(remove_ros_args(["autotune", *given])[1:]))
-    options["phase_margin"] = math.radians(options["phase_margin"])
     try:
+        options["phase_margin"] = _radians(options["phase_margin"])
         check_domain()
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
         return _run(Autotune.Goal(**options))
@@ -57,6 +58,12 @@ def main(args: Sequence[str] | None = None) -> int:
         return 2
     finally:
         rclpy.try_shutdown()
+
+
+def _radians(degrees: float) -> float:
+    if not 0.0 <= degrees < 180.0:
+        raise InputError(f"phase-margin = {degrees:g} deg; allowed: up to 180, which is not included")
+    return math.radians(degrees)
 
 
 def _run(goal: Autotune.Goal) -> int:
@@ -120,6 +127,8 @@ def _wait(node: Node, future: Future) -> Any:
 
 def _show(result: Autotune.Result) -> None:
     print(result.message)
+    if not result.model.process and not math.isfinite(result.gains.kp):
+        print("\n".join(result.plan))
     if result.model.process:
         print(f"model     {result.model.process}  (fit {result.model.fit_pct:.1f} %)")
     if math.isfinite(result.gains.kp):

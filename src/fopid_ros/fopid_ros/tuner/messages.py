@@ -9,21 +9,26 @@ from typing import TYPE_CHECKING, Any
 from fopid_core.design.specification import Bound, TuningRequest
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
+from fopid_core.model.margins import margins
 from fopid_core.model.process import TEST_BENCH, Process
+from fopid_core.model.stability import stability
 from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter, SetpointWeights
 from fopid_msgs.action import Autotune
-from fopid_msgs.msg import ComparisonRow, Gains, LoopMeasures, TwoDegrees
+from fopid_msgs.msg import ComparisonRow, Gains, LoopMeasures, Proposal, TwoDegrees
 from fopid_msgs.msg import IdentifiedModel as IdentifiedModelMessage
 from fopid_msgs.srv import Compare, Tune
+from fopid_ros.common.inputs import is_number
 from fopid_ros.tuner.controller_client import GAINS, RunningDesign
 
 if TYPE_CHECKING:  # loaded by the first request that learns, since they need scipy
     from fopid_core.design.comparison.compare import Comparison
     from fopid_core.design.comparison.measures import Row
     from fopid_core.design.identification.identify import IdentifiedModel
+    from fopid_core.design.improvement import Candidate
     from fopid_core.design.tuner import TuningResult
     from fopid_ros.tuner.learning.autotune import AutotuneRequest
-    from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome
+    from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome, Trial
 
 WEIGHTING = ("chosen", "one")
 """What may be asked of the setpoint weights."""
@@ -86,7 +91,43 @@ def autotune_request(goal: Autotune.Goal, defaults: dict[str, Any]) -> AutotuneR
     # The process to tune for is what will be learnt; until then any stands for it.
     tuning = tuning_request(Tune.Request(process="P1", **shared), defaults)
     wanted = criteria(tuning, defaults, compare=not goal.method)
-    return AutotuneRequest(ExperimentSettings(**chosen), template, wanted, goal.propose_only)
+    trial = trial_of(goal, defaults)
+    return AutotuneRequest(ExperimentSettings(**chosen), template, wanted, goal.propose_only, trial)
+
+
+def trial_of(goal: Autotune.Goal, defaults: dict[str, Any]) -> Trial | None:
+    """The gains that a goal asks to try, judged on their process; None when it names none.
+
+    Raises
+    ------
+    InputError
+        Saying why they must not be tried.
+    """
+    from fopid_ros.tuner.learning.gain_update import Trial
+
+    numbers = [getattr(goal.gains, name) for name in GAINS]
+    if not any(numbers):
+        return None
+    if not all(map(is_number, numbers)):
+        raise InputError(f"gains = {numbers}; allowed: finite numbers")
+    gains = Fopid(*numbers)
+    design = RunningDesign(gains)
+    if goal.two_degrees_given:
+        asked = goal.two_degrees
+        design = RunningDesign(
+            gains, MeasurementFilter(asked.measurement_filter_order, asked.measurement_filter_time),
+            SetpointWeights(asked.setpoint_weight, asked.derivative_setpoint_weight),
+        )  # fmt: skip
+    loop = Loop(process_of(goal.process or defaults["process"]), gains, design.filter)
+    verdict = stability(loop)
+    if not verdict.stable:
+        raise InputError(f"gains = {gains}: the loop would not be stable; allowed: gains that hold {loop.process}")
+    found = margins(loop)
+    if not found.ms <= defaults["verify.ms_max"]:
+        raise InputError(f"gains = {gains}: max |S| {found.ms:.3g}; allowed: up to {defaults['verify.ms_max']:g}")
+    if not 0.0 < found.crossover < math.inf:
+        raise InputError(f"gains = {gains}: no gain crossover; allowed: gains of which the loop responds")
+    return Trial(design, 2.0 / found.crossover)
 
 
 def criteria(tuning: TuningRequest, defaults: dict[str, Any], compare: bool = False) -> AcceptanceCriteria:
@@ -230,12 +271,30 @@ def identified_message(model: IdentifiedModel) -> IdentifiedModelMessage:
     )  # fmt: skip
 
 
+def proposal_message(candidate: Candidate) -> Proposal:
+    """What one method found, for others."""
+    message, tuned, worth = nothing_known(Proposal()), candidate.tuned, candidate.worth
+    message.name, message.accepted, message.message = candidate.name, not candidate.refusal, candidate.refusal
+    if tuned.tuning is not None and tuned.tuning.controller is not None:
+        fill_gains(message.gains, tuned.tuning.controller)
+        fill_two_degrees(message.two_degrees, tuned.tuning.filter, tuned.tuning.weights)
+        fill_measures(message.achieved, tuned.tuning)
+    if tuned.robustness is not None:
+        message.worst_ms = tuned.robustness.ms
+    if worth is not None:
+        message.setpoint_iae, message.load_iae, message.noise_gain = worth.setpoint, worth.load, worth.noise_gain
+    return message
+
+
 def fill_autotune_result(message: Autotune.Result, outcome: Outcome) -> None:
     """What an autotuning came to."""
     message.success, message.message = outcome.success, outcome.message
     message.applied, message.rolled_back = outcome.applied, outcome.rolled_back
     if outcome.model is not None:
         message.model = identified_message(outcome.model)
+    models = sorted(outcome.models, key=lambda model: (model is not outcome.model, -model.fit_pct))
+    message.models = [identified_message(model) for model in models]
+    message.proposals = [proposal_message(one) for one in outcome.candidates if one.worth is not None]
     if outcome.previous is not None:
         fill_previous(message, outcome.previous)
     if outcome.tuned is None or outcome.tuned.tuning is None:

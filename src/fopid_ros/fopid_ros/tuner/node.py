@@ -17,6 +17,7 @@ from rclpy.parameter import Parameter
 
 from fopid_core.design.specification import TuningRequest
 from fopid_core.errors import InputError
+from fopid_core.model.process import Process
 from fopid_msgs.action import Autotune
 from fopid_msgs.msg import ReducedModel
 from fopid_msgs.msg import TuningResult as TuningResultMessage
@@ -338,11 +339,20 @@ class TunerNode(ManagedNode):
             self.background.on_executor(lambda: goal.publish_feedback(Autotune.Feedback(**asdict(stage))))
 
         request = autotune_request(goal.request, self.values())
-        outcome = Autotuner(self._tap, self._controller, request, LoopWait(self._tap, report, ended)).run()
+        autotuner = Autotuner(self._tap, self._controller, request, LoopWait(self._tap, report, ended))
+        result.plan, result.expected_duration = autotuner.plan()
+        if goal.request.plan_only:
+            result.success, result.message = True, "only planned; nothing was done"
+            return
+        outcome = autotuner.run()
         fill_autotune_result(result, outcome)
-        self._publish_learnt("autotune", result, outcome)
-        if outcome.success and outcome.model is not None:
+        if request.trial is not None:
+            fill_gains(result.gains, request.trial.design.gains)
+        self._publish_learnt("autotune" if request.trial is None else "trial", result, outcome)
+        if outcome.applied and outcome.model is not None:  # what is only proposed changes nothing here
             self._adopt(outcome.model)
+        elif outcome.applied and goal.request.process:
+            self._take_for(process_of(goal.request.process))
 
     # Adaptation.
 
@@ -383,15 +393,15 @@ class TunerNode(ManagedNode):
         fill_autotune_result(result, outcome)
         self._publish_learnt("adapt", result, outcome)
         self.get_logger().info(f"adapt: {outcome.message}")
-        if learner.model is not None:
-            self._take_for(learner.model)
+        if learner.model is not None and values["adapt"] == "apply":  # what is only proposed changes nothing here
+            self._take_for(learner.model.process)
 
     def _adopt(self, model: IdentifiedModel) -> None:
         self._learner().set_model(model)
-        self._take_for(model)
+        self._take_for(model.process)
 
-    def _take_for(self, model: IdentifiedModel) -> None:
-        taken = [Parameter("process", value=str(model.process))]
+    def _take_for(self, process: Process) -> None:
+        taken = [Parameter("process", value=str(process))]
         self.background.value(lambda: self.set_parameters_atomically(taken), ANSWER_TIME)
 
     # What is published.

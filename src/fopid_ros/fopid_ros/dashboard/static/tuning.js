@@ -1,5 +1,7 @@
 // The tuning's form and what the newest tuning came to.
 
+import { brief } from "./autotune.js";
+
 const at = (id) => document.getElementById(id);
 const DEGREE = Math.PI / 180;
 const NUMBERS = ["phase_margin", "crossover", "ms_max", "u_max"];
@@ -44,7 +46,7 @@ export function tuningFields() {
   for (const name of NUMBERS) {
     const input = at(`tune-${name}`);
     if (!shown(method)(input) || input.value === "") continue;
-    fields[name] = name === "phase_margin" ? input.valueAsNumber * DEGREE : input.valueAsNumber;
+    fields[name === "phase_margin" ? "phase_margin_deg" : name] = input.valueAsNumber;
   }
   return fields;
 }
@@ -68,19 +70,22 @@ function fill(result) {
   at("result-title").textContent = `Tuned by ${method}, ${applied ? "applied" : "not applied"}`;
   at("result-message").textContent = message;
   at("result-message").className = success ? "" : "warning";
+  at("result-advice").textContent = success ? "" : result.advice;
+  at("result-take").hidden = !success;
   at("result-unmet").replaceChildren(...unmet.map((text) => element("li", text)));
   at("result-measures").replaceChildren(...terms([
-    ["process", process],
-    ...Object.entries(gains).map(([name, value]) => [name, Number(value.toPrecision(6)).toString()]),
+    ["process", brief(process)],
+    ...(success ? Object.entries(gains) : []).map(([name, value]) => [name, Number(value?.toPrecision(6)).toString()]),
     ...MEASURES.filter(([name]) => achieved[name] !== null).map(([name, label, text]) => [label, text(achieved[name])]),
-    ["took", `${elapsed.toPrecision(3)} s`],
+    ["took", elapsed === null ? "–" : `${elapsed.toPrecision(3)} s`],
   ]));
 }
 
 let shownStamp = null;
 export function showResult(result) {
-  at("result").hidden = result === null;
-  if (result === null || result.stamp === shownStamp) return;
+  const shown = result !== null && !/^(autotune|trial)/.test(result.method);  // those are told beside the plots
+  at("result").hidden = !shown;
+  if (!shown || result.stamp === shownStamp) return;
   shownStamp = result.stamp;
   fill(result);
 }

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from fopid_core.design.identification.identify import identify
+from fopid_core.runtime.performance_monitor import LoopPerformance
 from fopid_ros.tuner.controller_client import ControllerClient
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
-from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, read_running_controller
+from fopid_ros.tuner.learning.gain_update import (
+    AcceptanceCriteria,
+    GainUpdate,
+    Outcome,
+    Trial,
+    read_running_controller,
+)
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
@@ -33,12 +41,15 @@ class AutotuneRequest:
     criteria : AcceptanceCriteria
         What the new gains must fulfil.
     propose_only : bool
+    trial : Trial or None
+        Gains to try instead of learning; they have been judged.
     """
 
     experiment: ExperimentSettings
     template: str
     criteria: AcceptanceCriteria
     propose_only: bool
+    trial: Trial | None = None
 
 
 class Autotuner:
@@ -60,9 +71,32 @@ class Autotuner:
 
     def __init__(self, tap: LoopTap, client: ControllerClient, request: AutotuneRequest, wait: LoopWait) -> None:
         controller = read_running_controller(client)
-        self._tap, self._request, self._wait = tap, request, wait
+        self._tap, self._request, self._wait, self._controller = tap, request, wait, controller
         self._experiment = ClosedLoopExperiment(tap, wait, LoopBaseline(controller), request.experiment)
         self._gain_update = GainUpdate(tap, client, wait, controller, request.criteria)
+
+    def plan(self) -> tuple[list[str], float]:
+        """What ``run`` will do, a line for each phase, and how long that takes [s]; the loop is left alone."""
+        experiment, trial = self._experiment, self._request.trial
+        rest = f"measuring: wait until the loop rests, {experiment.rest_window:.3g} s or more"
+        if trial is not None:
+            watched = trial.watched(self._controller.sample_time)
+            watching = f"watching: for {watched:.3g} s; the gains from before come back if the loop gets worse"
+            lines = [rest, f"applying: {trial.design.gains}, on trial", watching]
+            return lines, experiment.rest_window + watched
+        methods = (
+            "the method asked for, PI, PID and FOPID in time, and rules"
+            if self._request.criteria.compare
+            else (f"method {self._request.criteria.tuning.method}")
+        )
+        lines = [
+            rest, *experiment.plan, "identifying: models are fitted and judged on a part of the record held back",
+            f"tuning: by {methods}", "verifying: on every process that the record leaves possible",
+        ]  # fmt: skip
+        if self._request.propose_only:
+            return [*lines, "nothing is applied: the gains are proposed"], experiment.estimate
+        watching = "watching: for ten response times; the gains from before come back if the loop gets worse"
+        return [*lines, "applying: without a bump, on trial", watching], experiment.estimate
 
     def run(self) -> Outcome:
         """Do it; however it ends, the loop is left with gains that are known to hold it.
@@ -86,6 +120,8 @@ class Autotuner:
 
     def _run(self) -> Outcome:
         self._experiment.measure()
+        if self._request.trial is not None:
+            return self._try_out(self._request.trial)
         began, outcome = self._tap.history.newest_time("control"), Outcome()
         self._tap.history.whole_since = began
         for _ in range(EXPERIMENTS):
@@ -106,9 +142,9 @@ class Autotuner:
         record = self._tap.history.record(began)
         found = identify(record, self._request.template, noise=self._experiment.loop.noise)
         if not found.success or found.best is None:
-            return Outcome(message=f"nothing was changed: {found.message}", model=found.best)
+            return Outcome(message=f"nothing was changed: {found.message}", model=found.best, models=found.models)
         loop = self._experiment.loop
-        return self._gain_update.design(found, loop.noise, loop.control_peak)
+        return self._gain_update.design(found, loop.noise, loop.control_peak, every=self._request.propose_only)
 
     def _settle(self) -> None:
         """Wait until the experiment has died out."""
@@ -132,6 +168,14 @@ class Autotuner:
         )
 
     def _apply_and_monitor(self, outcome: Outcome) -> Outcome:
+        return self._gain_update.apply_and_monitor(outcome, *self._what_is_borne())
+
+    def _try_out(self, trial: Trial) -> Outcome:
+        asked = Outcome(success=True, message=f"{trial.design.gains} as asked")
+        return self._gain_update.try_out(trial, asked, *self._what_is_borne())
+
+    def _what_is_borne(self) -> tuple[LoopPerformance, float, float, Callable[[Tick], str]]:
+        """How the loop was, what is left of the experiment, by how much its error may grow, and what ends the watch."""
         loop, residual_transient = self._experiment.loop, self._experiment.residual_transient()
         # New gains read the memory of the past anew, which moves the loop a little: that much is allowed.
         allowed = (MOVED_SHARE * loop.deviation_max) ** 2 / (loop.figures.mean_square + residual_transient**2)
@@ -141,6 +185,4 @@ class Autotuner:
                 return ""
             return f"measurement {tick.measurement:.4g} left the band of {loop.deviation_max:.4g}"
 
-        return self._gain_update.apply_and_monitor(
-            outcome, loop.figures, residual_transient, max(allowed, 2.0), outside
-        )
+        return loop.figures, residual_transient, max(allowed, 2.0), outside

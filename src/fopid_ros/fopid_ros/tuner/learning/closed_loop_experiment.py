@@ -100,10 +100,30 @@ class ClosedLoopExperiment:
             raise InputError("duration = 0; allowed: above 0 s, since the present gains show no time scale")
         return max(duration, 10 * TICKS_MIN * self.loop.controller.sample_time)
 
+    @property
+    def rest_window(self) -> float:
+        """Over which rest is judged [s]."""
+        return max(TICKS_MIN * self.loop.controller.sample_time, REST_SHARE * self.duration)
+
+    @property
+    def plan(self) -> list[str]:
+        """What ``excite`` will do, in words."""
+        wanted, controller = self._wanted, self.loop.controller
+        moved = "by as much as is seen above the noise, found by small steps first"
+        if math.isfinite(controller.control_range):
+            moved += f", at most {RANGE_SHARE * controller.control_range:.3g}"
+        if wanted.amplitude:
+            moved = f"by {wanted.amplitude:.3g}"
+        ends = f"{wanted.deviation_max:.3g}" if wanted.deviation_max else "the band found while measuring"
+        return [
+            f"exciting: {wanted.excitation} for {self.duration:.3g} s; the control is moved {moved}; ends at once when "
+            f"the measurement is further from the setpoint than {ends}"
+        ]
+
     def measure(self) -> None:
         """The loop as it is, once it rests: where, and how noisy it is."""
         loop, duration = self.loop, self.duration
-        window = max(TICKS_MIN * loop.controller.sample_time, REST_SHARE * duration)
+        window = self.rest_window
         ticks: deque[Tick] = deque()
         begun: list[float] = []
         looked: list[float] = [-math.inf]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from fopid_core.design.acceptance import rejection_reason
 from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel
-from fopid_core.design.improvement import RunningGains, improve
+from fopid_core.design.improvement import Candidate, RunningGains, improve
 from fopid_core.design.robust_verification import RobustLimits, RobustTuning
 from fopid_core.design.specification import TuningRequest, TuningResult
 from fopid_core.errors import InputError
@@ -73,9 +73,30 @@ class Outcome:
     applied: bool = False
     rolled_back: bool = False
     model: IdentifiedModel | None = None
+    models: tuple[IdentifiedModel, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
     tuned: RobustTuning | None = None
     previous: RunningDesign | None = None
     certificate: str = ""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A design that is tried on the running loop.
+
+    Attributes
+    ----------
+    design : RunningDesign
+    response_time : float
+        Of the loop with them [s].
+    """
+
+    design: RunningDesign
+    response_time: float
+
+    def watched(self, sample_time: float) -> float:
+        """How long they are watched [s]."""
+        return max(MONITORED_RESPONSES * self.response_time, 2 * TICKS_MIN * sample_time)
 
 
 @dataclass(frozen=True)
@@ -155,7 +176,9 @@ class GainUpdate:
         self._previous: RunningDesign | None = None
         self._trial: RunningDesign | None = None
 
-    def design(self, found: IdentificationResult, noise: float = 0.0, control_peak: float = math.inf) -> Outcome:
+    def design(
+        self, found: IdentificationResult, noise: float = 0.0, control_peak: float = math.inf, *, every: bool = False
+    ) -> Outcome:
         """Gains for what was learnt that beat the running ones on it, verified on all that the record leaves possible.
 
         Parameters
@@ -165,6 +188,8 @@ class GainUpdate:
             Standard deviation of the measurement's noise, where it was measured.
         control_peak : float
             How far a unit step of the setpoint may take the control; infinite where no limit says.
+        every : bool
+            Whether one of each structure and rule is made, for a person to choose from.
         """
         self._wait.report(
             Stage("tuning", 0.65, fit_pct=found.best.fit_pct if found.best else 0.0, message=found.message)
@@ -173,9 +198,12 @@ class GainUpdate:
         movement = self._criteria.noise_share * self._controller.control_range
         now = self._controller
         running = RunningGains(now.gains, noise, movement, control_peak, now.filter, now.weights)
-        improved = improve(found, wanted, self._criteria.limits, running, self._criteria.compare, self._refused)
+        improved = improve(
+            found, wanted, self._criteria.limits, running, self._criteria.compare, self._refused, every=every
+        )
         self._wait.report(Stage("verifying", 0.7, message=improved.message))
-        outcome = Outcome(improved.success, improved.message, model=found.best, tuned=improved.tuned)
+        outcome = Outcome(improved.success, improved.message, model=found.best, models=found.models,
+                          candidates=improved.candidates, tuned=improved.tuned)  # fmt: skip
         if not improved.success or improved.tuned.tuning is None:
             return replace(outcome, success=False, message=f"nothing was changed: {improved.message}")
         certificate, refused = self._proof(wanted, found.best, improved.tuned.tuning)
@@ -230,22 +258,31 @@ class GainUpdate:
         design = outcome.tuned.tuning if outcome.tuned else None
         if design is None or design.controller is None or design.achieved is None:
             raise InputError("a tuning without gains; allowed: one that succeeded")
-        self._wait.report(Stage("applying", 0.75, message=str(design.controller)))
         chosen = None if design.filter.is_idle and design.weights == WHOLE_SETPOINT else design.weights
-        self._trial = RunningDesign(design.controller, design.filter, chosen)  # as it was verified
+        whole = RunningDesign(design.controller, design.filter, chosen)  # as it was verified
+        trial = Trial(whole, 2.0 / design.achieved.crossover)
+        return self.try_out(trial, outcome, before, residual_transient, error_factor, outside)
+
+    def try_out(
+        self, trial: Trial, outcome: Outcome, before: LoopPerformance, residual_transient: float, error_factor: float,
+        outside: Callable[[Tick], str] = lambda _: "",
+    ) -> Outcome:  # fmt: skip
+        """As ``apply_and_monitor``, with these gains."""
+        self._wait.report(Stage("applying", 0.75, message=str(trial.design.gains)))
+        self._trial = trial.design
         try:
             self._previous = self._client.apply(self._trial, "trial", outcome.certificate)
         except UnconfirmedError as error:  # they may have been taken: taking back must not depend on it
             self._previous = error.previous
             raise
-        response_time = 2.0 / design.achieved.crossover
-        window = max(MONITORED_RESPONSES * response_time, 2 * TICKS_MIN * self._controller.sample_time)
-        settings = MonitorSettings(window, response_time, error_factor=error_factor, noise=residual_transient)
+        window = trial.watched(self._controller.sample_time)
+        settings = MonitorSettings(window, trial.response_time, error_factor=error_factor, noise=residual_transient)
         watch = self._watch(PerformanceMonitor(before, settings, self._controller.sample_time), outside)
         applied = replace(outcome, applied=True, previous=self._previous)
         if watch.verdict != "worse":
             self._client.confirm(self._trial)
-            return replace(applied, message=f"{outcome.message}; applied with {design.filter}, watched: {watch.reason}")
+            told = f"{outcome.message}; applied with {trial.design.filter}, watched: {watch.reason}"
+            return replace(applied, message=told)
         self.roll_back()
         return replace(applied, success=False, applied=False, rolled_back=True,
                        message=f"the previous gains are back, since the loop got worse: {watch.reason}")  # fmt: skip
