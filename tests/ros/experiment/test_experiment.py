@@ -138,7 +138,7 @@ def test_in_real_time_a_ramp_comes_at_its_times(tmp_path: Path) -> None:
     assert set(setpoint.value) <= set(plan.signal("setpoint"))
 
 
-OF_THE_EXPERIMENT = {"process", "sample_time", "trigger", "advance_until", "publish_clock"}
+OF_THE_EXPERIMENT = {"process", "model", "sample_time", "trigger", "advance_until", "publish_clock"}
 OF_A_SCHEDULE = {"schedule_file", "schedule_by"}  # refused in an experiment: its gains stand in its own file
 
 
