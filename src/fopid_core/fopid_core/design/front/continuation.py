@@ -15,18 +15,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fopid_core.design.time.gauss_newton import Descent, begin, descend
+from fopid_core.design.time.gauss_newton import Descent, begin, descend, fresh
 from fopid_core.design.time.problem import TimeProblem
 from fopid_core.model.arrays import Floats
 
-STEPS, TOLERANCE = 4, 3e-4
-"""Of a descent from a neighbour."""
+STEPS, TOLERANCE, PATIENT_STEPS = 5, 2e-4, 25
+"""Of a descent from a neighbour; the latter where it ends with a bound broken."""
 EDGE = 12
 """Designs on each edge of the surface."""
 BROKEN = -1e-3
 """A bound that is missed by more cannot be kept: relative."""
 ACTIVE = 0.02
 """What is this near to a bound, relative, is held by it."""
+LEAST_ABOVE = 1e-6
+"""Of a max |S|, above 1."""
 LEAST_NOISE = 1.002
 """Lowest noise gain, in units of what integral action alone takes."""
 NOISE_RANGE = 30.0
@@ -90,7 +92,7 @@ class Continuation:
         natural_ms = np.log([place.ms_max - 1.0 for place in along])
         columns = max(round(math.sqrt(points)), 2)
         levels = np.linspace(noise[0], noise[-1], columns)
-        highest = np.interp(-levels, -noise, np.log(top_ms - 1.0))
+        highest = np.interp(-levels, -noise, np.log(np.maximum(top_ms - 1.0, LEAST_ABOVE)))
         # Below the Ms at which a loop makes less noise than is allowed, a column meets its neighbour.
         lowest = [natural_ms[natural >= level - ACTIVE].min(initial=natural_ms.max()) for level in levels]
         lowest = np.minimum(lowest, highest)
@@ -121,7 +123,8 @@ class Continuation:
     def _solved(self, ms_max: float, noise_max: float, starts: Sequence[Floats]) -> Descent:
         problem = self.bounded(ms_max, noise_max)
         rows = np.clip(np.array(starts), *problem.box.T)
-        return descend(problem, min(begin(problem, rows), key=lambda d: d.merit), STEPS, TOLERANCE)
+        found = descend(problem, min(begin(problem, rows), key=lambda d: d.merit), STEPS, TOLERANCE)
+        return found if found.slack >= BROKEN else descend(problem, fresh(found), PATIENT_STEPS, TOLERANCE)
 
     def bounded(self, ms_max: float, noise_max: float) -> TimeProblem:
         """The problem under other bounds, on the same grids."""

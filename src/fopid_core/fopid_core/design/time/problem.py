@@ -124,6 +124,7 @@ class TimeProblem:
         self._p = process(1j * self._w)
         nyquist = math.log(max(math.pi / specification.sample_time, self.speed))
         lowest, count = NOISE_GRID[specification.bounds_noise_rms]
+        count *= 2 if bands > BANDS else 1
         grid = np.linspace(math.log(lowest * self.speed), nyquist, count)
         self._log_noise_w = np.union1d(grid, [z for z in watched if z < nyquist])
         self._noise_p = process(1j * np.exp(self._log_noise_w))
