@@ -146,7 +146,7 @@ def verdict(compared: list[Row]) -> tuple[str, bool]:
     movement = ours.seen.variation / best.seen.variation
     beside = f"load IAE {ours.seen.load / best.seen.load:.2f} and movement {movement:.2f}"
     said = f"{winner}; autotune beside {best.label}: {beside}"
-    if not level and ours.seen.load <= TIE * quiet:
+    if not level and ours.seen.load <= TIE * quiet and "kept" not in ours.label:
         said += ", the best at no more movement"
     return said + told, not_worse and level and ours.seen.variation <= TIE * best.seen.variation
 

@@ -9,6 +9,7 @@ from foreign_plants.gallery import GALLERY
 from virtual_loop import VirtualLoop
 
 from fopid_core.errors import InputError
+from fopid_core.model.fopid import Fopid
 from fopid_ros.tuner.learning.closed_loop_experiment import KEPT, ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
@@ -73,3 +74,10 @@ def test_a_limit_cycle_is_no_rest() -> None:
     loop.plant.step = cycling  # type: ignore[method-assign]
     with pytest.raises(InputError, match=r"swings by|drifting by"):
         made.measure()
+
+
+def test_without_gains_it_says_how_to_come_by_the_first() -> None:
+    loop = VirtualLoop(GALLERY["flexible_joint"], 1)
+    loop.set(gains=Fopid(0.0))
+    with pytest.raises(InputError, match=r"show no time scale; without gains, record a step .* fopid design FILE"):
+        ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())

@@ -97,7 +97,8 @@ class ClosedLoopExperiment:
         """Of the experiment [s]."""
         duration = self._wanted.duration or INTEGRAL_TIMES * integral_time(self.loop.controller.gains)
         if not math.isfinite(duration):
-            raise InputError("duration = 0; allowed: above 0 s, since the present gains show no time scale")
+            first = "without gains, record a step of the control in manual mode: fopid design FILE gives the first ones"
+            raise InputError(f"duration = 0; allowed: above 0 s, since the present gains show no time scale; {first}")
         return max(duration, 10 * TICKS_MIN * self.loop.controller.sample_time)
 
     @property
