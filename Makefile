@@ -127,8 +127,8 @@ colcon: venv ## Build and test the tree as a colcon workspace, in build/colcon
 	@tools/colcon_build.sh
 
 .PHONY: release
-release: venv ## Build wheels and source distributions, and try them in clean environments
-	@tools/release.sh
+release: venv ## Build and try wheels and sdists in clean environments [PYTHONS="3.11 3.12 3.13"]
+	@PYTHONS='$(PYTHONS)' tools/release.sh
 
 .PHONY: lock
 lock: venv ## Compile requirements*.in anew [ARGS='--upgrade']
