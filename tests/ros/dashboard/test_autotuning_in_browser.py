@@ -78,7 +78,7 @@ def select(page: Page, place: str, value: str) -> None:
 
 
 def shown(place: str) -> str:
-    return f"document.querySelector('{place}').offsetParent !== null"
+    return f"(document.querySelector('{place}')?.offsetParent ?? null) !== null"
 
 
 def test_a_proposal_is_planned_learnt_and_accepted_and_every_set_comes_back(loop: TunedLoop, browser: Browser) -> None:
@@ -126,7 +126,7 @@ def test_one_from_a_terminal_is_followed_and_locks_and_can_be_cancelled(loop: Tu
     page.until(shown("#autotuning"), "phases")
     assert "elsewhere" in page.text("#autotuning-who")
     page.until("document.querySelector('#kp').disabled && document.querySelector('#tune-start').disabled", "locks")
-    page.run("location.reload()")
+    page.call("Page.navigate", url=f"{loop.dashboard.read_only_address}?again")  # the token stays with the tab
     page.until(shown("#autotuning"), "phases after a reload")
     page.until("!document.querySelector('#autotune-cancel').disabled", "the button")
     page.click("#autotune-cancel")
