@@ -147,6 +147,10 @@ class RemoteParameters:
             raise RefusedError(response.result.reason)
 
 
+OF_ROS = {"use_sim_time": "take the time from /clock"}
+"""What ROS itself leaves without a description."""
+
+
 class AllParameters:
     """All parameters of another node, read when somebody wants to see them.
 
@@ -178,7 +182,7 @@ class AllParameters:
         first = self._first.setdefault(descriptor.name, value)
         return {
             "name": descriptor.name, "value": _as_json(value), "first": _as_json(first),
-            "type": _type_name(descriptor.type, value), "description": descriptor.description,
+            "type": _type_name(descriptor.type, value), "description": descriptor.description or OF_ROS.get(descriptor.name, "no description"),
             "constraints": descriptor.additional_constraints, "low": low, "high": high,
             "read_only": descriptor.read_only,
         }  # fmt: skip
