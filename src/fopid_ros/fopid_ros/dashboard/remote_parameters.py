@@ -182,7 +182,8 @@ class AllParameters:
         first = self._first.setdefault(descriptor.name, value)
         return {
             "name": descriptor.name, "value": _as_json(value), "first": _as_json(first),
-            "type": _type_name(descriptor.type, value), "description": descriptor.description or OF_ROS.get(descriptor.name, "no description"),
+            "type": _type_name(descriptor.type, value),
+            "description": descriptor.description or OF_ROS.get(descriptor.name, "no description"),
             "constraints": descriptor.additional_constraints, "low": low, "high": high,
             "read_only": descriptor.read_only,
         }  # fmt: skip
