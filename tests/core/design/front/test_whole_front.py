@@ -46,7 +46,7 @@ def test_no_design_of_the_comparison_is_beyond_it(pid: Front) -> None:
         assert not beaten_by(others, found.objectives).any()
         # The least IAE under exactly what a design does.
         for _, ms, noise in others[(others[:, 1] > 1.3) & (others[:, 1] < 2.0) & (others[:, 2] < 20.0)][:4]:
-            corner = front(process, found.structure, 2, 1.2, ms * (1 + 1e-6), noise * (1 + 1e-6))
+            corner = front(process, found.structure, 8, 1.2, ms * (1 + 1e-6), noise * (1 + 1e-6))
             least = others[(others[:, 1] <= ms) & (others[:, 2] <= noise), 0].min()
             assert corner.iae_load.min() <= least * (1.0 + BEYOND)
 

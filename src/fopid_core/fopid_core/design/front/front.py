@@ -209,7 +209,9 @@ def _chosen(found: Measures, asked: TimeSpecification, points: int) -> Integers:
         place = values[good] / np.maximum(np.ptp(values[good], axis=0), 1e-9)
         apart = np.linalg.norm(place[:, None] - place[None], axis=2)
         np.fill_diagonal(apart, math.inf)
-        good = np.delete(good, apart.min(axis=1).argmin())
+        crowd = apart.min(axis=1)
+        crowd[place.argmin(axis=0)] = math.inf  # the ends of the trade-off stay
+        good = np.delete(good, crowd.argmin())
     return good[np.lexsort((found.ms[good], found.noise_gain[good]))]
 
 
