@@ -126,7 +126,7 @@ def test_a_process_may_begin_with_a_minus_sign() -> None:
     [
         (("reduce", "1/s"), ["not stable"]),
         (("reduce", "P1", "--template", "third"), ["template", "'third'", "foptd"]),
-        (("tune", "frequency", "P1", "--phase-margin", "190"), ["phase-margin", "190", "below 180"]),
+        (("tune", "frequency", "P1", "--phase-margin", "190"), ["phase-margin", "190 deg", "up to 180"]),
         (("tune", "frequency", "P1", "--phase-margin", "nan"), ["phase-margin", "nan"]),
         (("tune", "frequency", "P1", "--crossover", "-1"), ["crossover", "-1"]),
         (("tune", "frequency", "P1", "--t-max", "-40"), ["t-max", "'-40'", "-40@10"]),

@@ -71,7 +71,7 @@ def simulate(
     >>> from fopid_core.model.fopid import Fopid
     >>> from fopid_core.model.process import Process
     >>> from fopid_core.runtime.controller import ControllerSettings
-    >>> from fopid_core.runtime.plant import PlantSettings
+    >>> from fopid_core.runtime.plant import Plant, PlantSettings
     >>> controller = FopidController(ControllerSettings(Fopid(kp=1.0, ki=1.0)))
     >>> plant = Plant(PlantSettings(Process.parse("1/(s+1)")))
     >>> bool(abs(simulate(controller, plant, 1000, lambda _: 1.0).measurement[-1] - 1.0) < 0.01)
