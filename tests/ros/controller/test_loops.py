@@ -45,6 +45,7 @@ def test_loops_of_one_process_are_apart(graph: Graph, tmp_path: Path) -> None:
     [
         ([], "namespaces = []; allowed: one and more"),
         (["left", "/left"], "namespace '/left' is given twice"),
+        (["left", "--kp", "2"], "argument '--kp'; allowed: --help, namespaces, and parameters"),
         (["--ros-args", "left"], "error: "),
         (["left", "--ros-args", "-p", "kp:=0.0"], "kp = ki = kd = 0; allowed: a gain that is not 0"),
     ],

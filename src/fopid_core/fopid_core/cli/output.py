@@ -17,11 +17,8 @@ __all__ = ["emit", "jsonable", "text"]
 UNITS = {
     "rad/s": ("crossover", "phase_crossover", "ms_frequency", "mt_frequency", "crossovers", "phase_crossovers"),
     "s": ("horizon", "rise_time", "rise_time_to_100", "settling_time", "delay_margin", "jitter_margin", "elapsed_s"),
-    "%": ("overshoot_pct", "fit_pct"),
-    "deg": ("phase_margin_deg",),
-    "dB": ("gain_margin_db", "t_db", "s_db"),
 }
-"""Units of rows by their names, the same in every verb; indices and gains have those of the signals."""
+"""Units of rows whose names do not say it (as phase_margin_deg does); indices and gains have those of the signals."""
 
 _UNIT = {name: unit for unit, names in UNITS.items() for name in names}
 

@@ -20,6 +20,8 @@ from fopid_core.model.quasipolynomial import QuasiPolynomial
 
 BORDER = 1e-9  # a zero that so small a relative change of the coefficients puts on the axis is too close to call
 _SAME_ORDER = 1e-11
+LARGEST_COUNT = 2.0**40
+"""More zeros than this are no count: the phase has lost its digits."""
 _LARGEST_LOG_FREQUENCY = 1e6
 _LARGEST_EXPONENT = 600.0  # exp of it is a number; a delay turns so fast there that its phase is never asked for
 LARGEST_LOG = 300.0  # of a value that can still be squared
@@ -102,7 +104,7 @@ def count_zeros(coefficients: Floats, orders: Floats, delays: Floats, most_inter
     margin = np.where(family.well_posed, margin, 0.0)
     raw = np.nan_to_num(family.top_order / 2.0 - phase / np.pi, nan=-1.0, posinf=-1.0, neginf=-1.0)
     count = np.rint(raw)
-    decided = certain & family.well_posed & (np.abs(raw - count) < 0.01) & (count >= 0)
+    decided = certain & family.well_posed & (np.abs(raw - count) < 0.01) & (count >= 0) & (count < LARGEST_COUNT)
     grid = grid[np.abs(grid) < LARGEST_LOG / (2.0 + family.orders.max())]
     count = np.where(decided, count, -1).astype(np.int64)
     return Zeros(count, margin, decided, family.neutral_gain, family.origin_order, family.within_reach, grid)

@@ -30,6 +30,11 @@ def main(args: Sequence[str] | None = None) -> int:
     if {"-h", "--help"} & set(namespaces):
         print(USAGE)
         return 0
+    unknown = [name for name in namespaces if name.startswith("-")]
+    if unknown:
+        allowed = "--help, namespaces, and parameters as in --ros-args -p kp:=VALUE"
+        print(f"error: argument {unknown[0]!r}; allowed: {allowed}", file=sys.stderr)
+        return 2
     doubled = [name for k, name in enumerate(namespaces) if name.strip("/") in _plain(namespaces[:k])]
     if not namespaces or doubled or not all(_plain(namespaces)):
         told = f"namespace {doubled[0]!r} is given twice" if doubled else f"namespaces = {namespaces}"

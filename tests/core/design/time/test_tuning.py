@@ -187,6 +187,7 @@ def test_a_better_start_is_made_use_of() -> None:
     assert found.cost <= design("P4", "ise").cost * 1.001
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", ["energy", "zamani"])
 def test_composite_objectives_weigh_what_they_say(index: str) -> None:
     """Against the design for ITAE, the composite one has the lower composite cost."""

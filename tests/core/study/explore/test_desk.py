@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -38,9 +39,9 @@ def test_more_freedom_never_costs_more() -> None:
     found = fronts({"process": P1, "effort": 5.0})["fronts"]
     for points in found.values():
         costs = [point["cost"] for point in points]
-        assert costs == sorted(costs, reverse=True)
+        assert all(after <= before * (1.0 + 1e-6) for before, after in pairwise(costs))
     at_16 = [next(p["cost"] for p in found[name] if p["ms_max"] == 1.6) for name in ("pi", "pid", "fopid")]
-    assert at_16 == sorted(at_16, reverse=True)
+    assert all(after <= before * (1.0 + 1e-6) for before, after in pairwise(at_16))
 
 
 @pytest.mark.slow

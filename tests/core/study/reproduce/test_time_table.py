@@ -49,6 +49,7 @@ def test_gl_gives_overshoot_and_rise_time_to_the_printed_digits_but_for_named_ro
     assert found.rise_time == pytest.approx(printed.rise_time, abs=0.055)
 
 
+@pytest.mark.slow
 def test_a_row_that_agrees_and_one_that_does_not_are_told_apart() -> None:
     rows = tuple(time_row(printed_tuning("P3", index)) for index in ("IAE", "ITAE"))
     good, bad = compared_table(6, rows).records()
