@@ -138,11 +138,12 @@ class _Dual:
         index, largest = float(np.abs(begins).sum()), float(self._task.limit(np.zeros(1))[0])
         unit = index / (self._cells * self._step) if self._task.squared else 1.0
         phi, alpha = cvxpy.Variable(self._cells), cvxpy.Variable(self._size)
-        early, nu = cvxpy.Variable(self._free), cvxpy.Variable(self._of_zeros.shape[1])
+        # Before cvxpy 1.7 no variable may be empty, and there is none for a process without delay, or without zeros.
+        early, nu = _variable(self._free), _variable(self._of_zeros.shape[1])
         later = (largest / index * self._psi) @ phi + (largest / self._task.ms) * alpha[self._free :]
-        if self._of_zeros.shape[1]:
+        if nu is not None:
             later = later + self._of_zeros @ nu
-        beta = cvxpy.hstack([early, later])
+        beta = later if early is None else cvxpy.hstack([early, later])
 
         def norm(values: Any, weight: Floats) -> Any:
             parts = cvxpy.vstack([transform.real @ values, transform.imag @ values])
@@ -165,8 +166,8 @@ class _Dual:
             raise InputError(f"cells = {self._cells}: the solver says {problem.status}; allowed: others")
         chosen = unit * phi.value if self._task.squared else np.clip(phi.value, -1.0, 1.0)
         free = unit * index / largest
-        terms = free * nu.value if nu.size else np.zeros(0)
-        proved = self._proved(chosen, unit * index / self._task.ms * alpha.value, free * early.value, terms)
+        at_first, terms = free * _value(early), free * _value(nu)
+        proved = self._proved(chosen, unit * index / self._task.ms * alpha.value, at_first, terms)
         return proved, float(problem.solver_stats.solve_time)
 
     def _proved(self, phi: Floats, alpha: Floats, early: Floats, nu: Floats) -> float:
@@ -224,3 +225,12 @@ def _size(coefficients: Floats) -> Floats:
     """Absolute values of a trigonometric polynomial on the circle."""
     turned: Complexes = coefficients * np.exp(-1j * math.pi / CIRCLE * np.arange(len(coefficients)))
     return np.asarray(np.abs(np.fft.fft(turned, CIRCLE)[: CIRCLE // 2]))
+
+
+def _variable(size: int) -> Any:
+    """Numbers that the solver chooses; None for no numbers."""
+    return cvxpy.Variable(size) if size else None
+
+
+def _value(variable: Any) -> Floats:
+    return np.zeros(0) if variable is None else np.asarray(variable.value)
