@@ -67,6 +67,11 @@ class Watch:
             "request": node.get_client_names_and_types_by_node,
         }
 
+    def saw(self, names: Iterable[str]) -> bool:
+        """Look; whether nodes of these names have been seen by now."""
+        self.look()
+        return set(names) <= set(self._seen)
+
     def look(self) -> None:
         for name, namespace in self._graph.node.get_node_names_and_namespaces():
             for use, ask in self._kinds.items():
@@ -89,7 +94,7 @@ def test_the_policy_allows_what_the_nodes_of_a_loop_use_and_no_more(graph: Graph
     page = Dashboard(graph)
     graph.until(lambda: graph.node.count_publishers("/control"), "the loop")
     asked = subprocess.Popen([str(BIN / "autotune"), "--deviation-max", "0.3"], env=graph.environment)
-    graph.until(lambda: watch.look() or graph.node.count_publishers("/feedforward"), "the excitation")
+    graph.until(lambda: watch.saw(LOOP) and graph.node.count_publishers("/feedforward"), "the excitation")
     watch.look()
     assert page.ask("signal", {"signal": "setpoint", "value": 1.0})[0] == 200
     assert page.ask("signal", {"signal": "manual_control", "value": 1.0})[0] == 200
