@@ -18,6 +18,8 @@ CONFIG = Path(__file__).parents[2] / "src/fopid_ros/config"
 POLICY = CONFIG / "sros2_policy.xml"
 LOOP = ("plant_simulator", "fopid_controller", "fopid_tuner", "dashboard", "autotune")
 
+SIGNALS = {("subscribe", name) for name in ("setpoint", "measurement", "control")}
+
 Use = tuple[str, str]
 """What a node does (publish, subscribe, reply, request, execute, call), and the name of a topic, service or action."""
 
@@ -88,10 +90,13 @@ class Watch:
 @pytest.mark.slow
 def test_the_policy_allows_what_the_nodes_of_a_loop_use_and_no_more(graph: Graph) -> None:
     watch = Watch(graph)
+    page = Dashboard(graph)  # it reads the loop's own topics only while there is no controller
+    graph.until(
+        lambda: watch.saw(["dashboard"]) and watch.used(["dashboard"])["dashboard"] >= SIGNALS, "its subscriptions"
+    )
     graph.start("plant_simulator", {"process": "1/((0.1s+1)(0.03s+1))"})
     graph.start("fopid_controller", {"kp": 0.8, "ki": 6.0, "setpoint.initial": 1.0, "tracking.enabled": True})
     graph.start("fopid_tuner", {})
-    page = Dashboard(graph)
     graph.until(lambda: graph.node.count_publishers("/control"), "the loop")
     asked = subprocess.Popen([str(BIN / "autotune"), "--deviation-max", "0.3"], env=graph.environment)
     graph.until(lambda: watch.saw(LOOP) and graph.node.count_publishers("/feedforward"), "the excitation")
