@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from .chromium import Browser
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `make` sets it: ten times faster on a busy machine
 
@@ -21,3 +26,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if OVER_ROS.intersection(item.path.parents):
             item.add_marker(pytest.mark.ros)
             item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """A browser for all tests of a file, which are marked ``NEEDS_BROWSER``."""
+    from .chromium import Browser  # wants tornado
+
+    browser = Browser(tmp_path_factory.mktemp("browser") / "profile")
+    yield browser
+    browser.close()

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -231,11 +231,18 @@ class LockstepLoop:
         self.graph.spin(0.2)
 
 
-@pytest.fixture
-def graph(tmp_path: Path) -> Iterator[Graph]:
+@contextmanager
+def own_graph(folder: Path) -> Iterator[Graph]:
+    """A graph on a domain of its own, with logs in a folder; what it started has ended when it is left."""
     with own_domain() as domain:
-        graph = Graph(domain, tmp_path)
+        graph = Graph(domain, folder)
         try:
             yield graph
         finally:
             graph.close()
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[Graph]:
+    with own_graph(tmp_path) as graph:
+        yield graph

@@ -3,7 +3,6 @@
 ``ros2 launch fopid_ros demo.launch.py process:="9/((s+1)(s^2+2s+9))"``
 """
 
-from launch import LaunchDescription
 from launch.actions import Shutdown
 from launch_ros.actions import Node
 
@@ -14,9 +13,8 @@ from fopid_ros.launching.actions import (
     PROCESS,
     alone,
     argument,
-    checked,
-    fail_with_any_node,
     given,
+    launch_description,
     place_arguments,
 )
 
@@ -44,6 +42,4 @@ def start(context):
 
 def generate_launch_description():
     """Start the demonstration."""
-    return LaunchDescription(
-        [argument("process", "P1", PROCESS), *place_arguments(), fail_with_any_node(), checked(start)]
-    )
+    return launch_description(start, argument("process", "P1", PROCESS), *place_arguments())

@@ -3,16 +3,13 @@
 ``ros2 launch fopid_ros loop.launch.py process:="2/(s+1)^3"``
 """
 
-from launch import LaunchDescription
-
 from fopid_ros.launching.actions import (
     PROCESS,
     alone,
     argument,
-    checked,
     common_arguments,
-    fail_with_any_node,
     given,
+    launch_description,
     managed_node,
 )
 from fopid_ros.launching.loop import loop_parameters
@@ -27,15 +24,10 @@ def start(context):
 
 def generate_launch_description():
     """Start the three nodes of a loop."""
-    return LaunchDescription(
-        [
-            argument("process", "", f"{PROCESS}; empty: what params_file says, P1 without one"),
-            argument(
-                "params_file", "",
-                "parameter file for all nodes; empty: of P1 ... P4 their own, else a PI that is proved stable",
-            ),
-            *common_arguments(),
-            fail_with_any_node(),
-            checked(start),
-        ]
-    )  # fmt: skip
+    file = "parameter file for all nodes; empty: of P1 ... P4 their own, else a PI that is proved stable"
+    return launch_description(
+        start,
+        argument("process", "", f"{PROCESS}; empty: what params_file says, P1 without one"),
+        argument("params_file", "", file),
+        *common_arguments(),
+    )

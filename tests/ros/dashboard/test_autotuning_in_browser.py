@@ -17,7 +17,7 @@ from fopid_msgs.msg import FopidState
 
 from ...axe import problems
 from ...chromium import NEEDS_BROWSER, Browser, Page
-from ..conftest import Graph, own_domain
+from ..conftest import Graph, own_graph
 from .live_page import Dashboard
 
 pytestmark = NEEDS_BROWSER
@@ -56,20 +56,9 @@ class TunedLoop:
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    browser = Browser(tmp_path_factory.mktemp("browser") / "profile")
-    yield browser
-    browser.close()
-
-
-@pytest.fixture(scope="module")
 def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TunedLoop]:
-    with own_domain() as domain:
-        graph = Graph(domain, tmp_path_factory.mktemp("graph"))
-        try:
-            yield TunedLoop(graph)
-        finally:
-            graph.close()
+    with own_graph(tmp_path_factory.mktemp("graph")) as graph:
+        yield TunedLoop(graph)
 
 
 def select(page: Page, place: str, value: str) -> None:

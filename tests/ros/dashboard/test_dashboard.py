@@ -16,7 +16,7 @@ from tornado.httpclient import HTTPClientError
 
 from fopid_msgs.msg import FopidState, ScalarStamped
 
-from ..conftest import BIN, Graph, LockstepLoop, own_domain
+from ..conftest import BIN, Graph, LockstepLoop, own_graph
 from .live_page import Dashboard, Reader
 
 PI = {"kp": 0.68, "ki": 0.29}
@@ -27,33 +27,23 @@ START = [0.68, 0.29, 0.0, 1.0, 1.0]
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Graph, Dashboard]]:
     """A running loop with its dashboard, for tests that leave the gains as they are."""
-
-    with own_domain() as domain:
-        graph = Graph(domain, tmp_path_factory.mktemp("graph"))
-        try:
-            graph.start("plant_simulator", {"process": "P1"})
-            graph.start("fopid_controller", PI)
-            graph.start("fopid_tuner", {"process": "P1"})
-            dashboard = Dashboard(graph)
-            wait_for(dashboard, "controller", "tuner")
-            yield graph, dashboard
-        finally:
-            graph.close()
+    with own_graph(tmp_path_factory.mktemp("graph")) as graph:
+        graph.start("plant_simulator", {"process": "P1"})
+        graph.start("fopid_controller", PI)
+        graph.start("fopid_tuner", {"process": "P1"})
+        dashboard = Dashboard(graph)
+        wait_for(dashboard, "controller", "tuner")
+        yield graph, dashboard
 
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Graph, Dashboard]]:
     """A dashboard without a loop, and with a token of one's own."""
-
-    with own_domain() as domain:
-        graph = Graph(domain, tmp_path_factory.mktemp("graph"))
+    with own_graph(tmp_path_factory.mktemp("graph")) as graph:
         graph.environment["FOPID_DASHBOARD_TOKEN"] = "a token of one's own"
-        try:
-            dashboard = Dashboard(graph)
-            dashboard.token = "a token of one's own"
-            yield graph, dashboard
-        finally:
-            graph.close()
+        dashboard = Dashboard(graph)
+        dashboard.token = "a token of one's own"
+        yield graph, dashboard
 
 
 def wait_for(dashboard: Dashboard, *names: str) -> None:

@@ -11,7 +11,7 @@ import pytest
 from fopid_msgs.msg import FopidState
 from fopid_ros.dashboard.live import MOST_BROWSERS
 
-from ..conftest import Graph, own_domain
+from ..conftest import Graph, own_graph
 from .live_page import Dashboard, Reader
 
 SOON = 5.0
@@ -20,12 +20,8 @@ SOON = 5.0
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Graph, Dashboard]]:
-    with own_domain() as domain:
-        graph = Graph(domain, tmp_path_factory.mktemp("graph"))
-        try:
-            yield graph, Dashboard(graph)
-        finally:
-            graph.close()
+    with own_graph(tmp_path_factory.mktemp("graph")) as graph:
+        yield graph, Dashboard(graph)
 
 
 def test_what_cannot_be_read_is_answered_with_400(alone: tuple[Graph, Dashboard]) -> None:

@@ -15,7 +15,7 @@ from fopid_core.model.process import read_process
 from fopid_msgs.msg import FopidState
 
 from ...chromium import NEEDS_BROWSER, Browser, Page
-from ..conftest import Graph, own_domain
+from ..conftest import Graph, own_graph
 from .live_page import Dashboard
 
 pytestmark = NEEDS_BROWSER
@@ -69,21 +69,9 @@ class Loop3:
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    browser = Browser(tmp_path_factory.mktemp("browser") / "profile")
-    yield browser
-    browser.close()
-
-
-@pytest.fixture(scope="module")
 def module_loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loop3]:
-
-    with own_domain() as domain:
-        graph = Graph(domain, tmp_path_factory.mktemp("graph"))
-        try:
-            yield Loop3(graph)
-        finally:
-            graph.close()
+    with own_graph(tmp_path_factory.mktemp("graph")) as graph:
+        yield Loop3(graph)
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
 
 import pytest
 
@@ -17,13 +16,6 @@ from .live_page import Dashboard
 pytestmark = NEEDS_BROWSER
 
 LEVEL = "document.querySelector('#health').dataset.level"
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    browser = Browser(tmp_path_factory.mktemp("browser") / "profile")
-    yield browser
-    browser.close()
 
 
 def ticks(page: Page, place: str) -> list[str]:

@@ -11,7 +11,7 @@ import pytest
 from fopid_core.model.process import read_process
 from fopid_msgs.srv import Identify, Tune
 
-from ..conftest import Graph, LockstepLoop, own_domain
+from ..conftest import Graph, LockstepLoop, own_graph
 
 GAINS = {"kp": 0.5, "ki": 0.3}
 
@@ -34,13 +34,9 @@ def step(graph: Graph, process: str) -> None:
 @pytest.fixture(scope="module")
 def stepped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
     """A loop with P1 that has made its step; what is asked of it in this module leaves it as it is."""
-    with own_domain() as domain:
-        graph = Graph(domain, tmp_path_factory.mktemp("stepped"))
-        try:
-            step(graph, "P1")
-            yield graph
-        finally:
-            graph.close()
+    with own_graph(tmp_path_factory.mktemp("stepped")) as graph:
+        step(graph, "P1")
+        yield graph
 
 
 def learnt_as(graph: Graph, process: str, template: str) -> None:

@@ -24,7 +24,7 @@ from fopid_msgs.msg import TuningResult
 from fopid_msgs.srv import Compare, Reduce, Tune
 from fopid_ros.common.managed_node import latched_qos
 
-from ..conftest import Graph, LockstepLoop, own_domain
+from ..conftest import Graph, LockstepLoop, own_graph
 
 PI = {"kp": 0.68, "ki": 0.29}
 GAINS = ("kp", "ki", "kd", "lam", "mu")
@@ -297,15 +297,10 @@ def test_new_gains_are_taken_without_a_bump(graph: Graph) -> None:
 
 @pytest.fixture(scope="module")
 def shared_graph(tmp_path_factory: pytest.TempPathFactory):
-
-    with own_domain() as domain:
-        graph = Graph(domain, tmp_path_factory.mktemp("graph"))
-        try:
-            graph.start("fopid_controller", PI)
-            start_tuner(graph)
-            yield graph
-        finally:
-            graph.close()
+    with own_graph(tmp_path_factory.mktemp("graph")) as graph:
+        graph.start("fopid_controller", PI)
+        start_tuner(graph)
+        yield graph
 
 
 def test_the_tuner_tells_of_its_health(graph: Graph) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, design_options
 from fopid_core.cli.output import emit
 from fopid_core.errors import InputError
 
@@ -18,7 +18,7 @@ from fopid_core.errors import InputError
     "--columns", metavar="PV,OP,SP", help="Of a csv file: names or numbers of its columns; the fourth is time."
 )
 @click.option("--index", default="iae", show_default=True, help="What is made small.")
-@click.option("--ms-max", type=float, metavar="X", help="Bound on max |S|; 1.6 when not given.")
+@design_options("ms_max")
 @click.option("--sample-time", type=float, metavar="S", help="Of the controller as it runs [s]; 0.01, or the record's.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="The report; design.html.")
 @as_json

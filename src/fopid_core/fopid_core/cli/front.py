@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, process_argument
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, design_options, process_argument
 from fopid_core.cli.output import emit, text
 from fopid_core.cli.progress import progress
 from fopid_core.errors import InputError
@@ -28,11 +28,8 @@ NUMBERS = ("iae_load", "ms", "mt", "noise_gain")
 @click.option("--points", type=int, default=200, show_default=True, metavar="N", help="Designs asked for.")
 @click.option("--ms-min", type=float, default=1.2, show_default=True, metavar="X", help="Smallest bound on max |S|.")
 @click.option("--ms-max", type=float, default=2.0, show_default=True, metavar="X", help="Largest bound on max |S|.")
-@click.option("--mt-max", type=float, metavar="X", help="A bound on max |T| that all designs keep.")
-@click.option("--noise-max", type=float, metavar="X", help="Largest gain from noise to control; 20 over the gain.")
-@click.option("--horizon", type=float, metavar="S", help="Of the load step [s]; chosen from the process.")
+@design_options("mt_max", "noise_max", "horizon", "sample_time")
 @click.option("--filter-order", type=int, default=2, show_default=True, help="Of the measurement's filter: 1 or 2.")
-@click.option("--sample-time", type=float, default=0.01, show_default=True, help="Of the controller as it runs [s].")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="A picture of it.")
 @click.option("--csv", "table", type=click.Path(path_type=Path), metavar="FILE", help="All designs, a line each.")
 @click.option("--take", type=int, metavar="INDEX", help="Tell all about this design, as parameters of the controller.")
@@ -42,7 +39,8 @@ def front_verb(
 ) -> None:
     """The trade-off between load performance, robustness and control effort, as designs none of which beats another.
 
-    Of a load step the IAE, of robustness max |S|, of effort the largest gain from measurement noise to control.
+    Of a load step the IAE, of robustness max |S|, of effort the largest gain from measurement noise to control,
+    which is at most 20 over the process's gain without --noise-max.
     """
     from fopid_core.design.front.front import front
     from fopid_core.model.process import read_process

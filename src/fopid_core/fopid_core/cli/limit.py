@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, as_json
+from fopid_core.cli.options import ARGUMENTS, as_json, design_options, process_argument
 from fopid_core.cli.output import emit
 from fopid_core.cli.progress import progress
 from fopid_core.errors import InputError
@@ -18,16 +18,10 @@ if TYPE_CHECKING:
 
 
 @click.command("limit", context_settings=ARGUMENTS)
-@click.argument("process")
+@process_argument
 @click.option("--index", default="iae", show_default=True, help="iae or ise.")
 @click.option("--input", default="load", show_default=True, help="The unit step: load or setpoint.")
-@click.option("--ms-max", type=float, metavar="X", help="Bound on max |S|; 1.6 when not given.")
-@click.option("--mt-max", type=float, metavar="X", help="Bound on max |T|.")
-@click.option("--noise-max", type=float, metavar="X", help="Bound on the gain from noise to control; 20 over the gain.")
-@click.option(
-    "--sample-time", type=float, default=0.01, show_default=True, help="Noise counts up to its Nyquist frequency [s]."
-)
-@click.option("--horizon", type=float, metavar="S", help="Up to which the answer counts [s]; chosen from the process.")
+@design_options("ms_max", "mt_max", "noise_max", "sample_time", "horizon")
 @click.option("--cells", type=int, default=160, show_default=True, help="Of the grid: more of them, a higher bound.")
 @click.option("--one-degree", is_flag=True, help="For a setpoint: of controllers that see nothing but the error.")
 @click.option(
@@ -35,7 +29,10 @@ if TYPE_CHECKING:
 )
 @as_json
 def limit_verb(process: str, with_designs: bool, as_json: bool, **asked: Any) -> None:
-    """The best index that any linear controller can reach: a lower bound, with what a finer grid may add to it."""
+    """The best index that any linear controller can reach: a lower bound, with what a finer grid may add to it.
+
+    The gain from measurement noise to control is at most 20 over the process's gain without --noise-max.
+    """
     from fopid_core.design.limit.limit import limit
     from fopid_core.model.process import read_process
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.substitutions import LaunchConfiguration
@@ -44,9 +45,19 @@ def common_arguments() -> list[Any]:
     ]
 
 
+def topic_arguments(topics: Mapping[str, str]) -> list[Any]:
+    """An argument for each topic, by its name in the nodes, with what it is of; ``remapped`` reads them."""
+    return [argument(name, name, description) for name, description in topics.items()]
+
+
 def given(context: Any, name: str) -> str:
     """What an argument was given as."""
     return str(LaunchConfiguration(name).perform(context))
+
+
+def remapped(context: Any, topics: Iterable[str]) -> list[tuple[str, str]]:
+    """What each topic was given as."""
+    return [(name, given(context, name)) for name in topics]
 
 
 def managed_node(
@@ -67,6 +78,11 @@ def alone(context: Any) -> None:
     """Raise InputError if a loop runs on the same topics already."""
     namespace = given(context, "namespace").strip("/")
     refuse_running_loop(["-r", f"__ns:=/{namespace}"] if namespace else [])
+
+
+def launch_description(start: Callable[[Any], list[Any]], *arguments: Any) -> Any:
+    """Start what ``start`` makes of the arguments; a node that fails ends all."""
+    return LaunchDescription([*arguments, fail_with_any_node(), checked(start)])
 
 
 def checked(start: Callable[[Any], list[Any]]) -> Any:

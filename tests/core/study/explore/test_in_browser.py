@@ -27,13 +27,6 @@ WIDE, NARROW = (1280, 900), (400, 850)
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    browser = Browser(tmp_path_factory.mktemp("browser") / "profile")
-    yield browser
-    browser.close()
-
-
-@pytest.fixture(scope="module")
 def address() -> Iterator[str]:
     command = [FOPID, "explore", "--port", "0", "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:

@@ -14,7 +14,8 @@ from fopid_core.study.explore.designs import EFFORT_RANGE, MS_RANGE, STRUCTURES,
 from fopid_core.study.explore.learning import learn_upload
 from fopid_core.study.explore.taking import report, take
 from fopid_core.study.json_values import jsonable
-from fopid_core.study.page.prediction import answer, natural_frequency, number, typed_process
+from fopid_core.study.page.prediction import answer, natural_frequency
+from fopid_core.study.page.requests import number, typed_process
 
 Work = Callable[[Mapping[str, Any]], dict[str, Any]]
 

@@ -9,7 +9,7 @@ from fopid_core.design.specification import one_of
 from fopid_core.errors import InputError
 from fopid_core.runtime.c_export import c_header
 from fopid_core.study.experiments.loop_parameters import controller_settings
-from fopid_core.study.page.prediction import GainSet, gain_set, number, typed_process
+from fopid_core.study.page.requests import GainSet, gain_set, number, typed_process
 
 KINDS = ("yaml", "python", "c")
 

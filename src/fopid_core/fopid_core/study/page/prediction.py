@@ -24,14 +24,13 @@ from fopid_core.design.verification import SMOOTH_TICKS
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.evaluation import default_horizon
-from fopid_core.model.fopid import Fopid
 from fopid_core.model.indices import overshoot_pct, rise_time, settling_time, total_variation
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
-from fopid_core.model.process import Process, read_process
-from fopid_core.model.response import HORIZON_RANGE, step_response
+from fopid_core.model.process import Process
+from fopid_core.model.response import step_response
 from fopid_core.model.stability import Stability, stability
-from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
+from fopid_core.study.page.requests import GAINS, GainSet, read_request
 
 POINTS = 501
 """Instants of a response."""
@@ -40,32 +39,9 @@ FREQUENCIES = 301
 DECADES = 2.5
 """The frequency response is drawn so far below and above the process's natural crossover."""
 
-MOST_SETS = 8
-LONGEST_PROCESS = 2000
-"""Characters of a process that is typed into a page."""
-
 _WITH_REST = 2.5  # settling times that a picture shows
 _TURN = 30.0  # of the phase between two frequencies, that a curve can be drawn through [deg]
 _QUICK_STEPS = 4  # of the quick response, per instant drawn
-_GAINS = ("kp", "ki", "kd", "lam", "mu")
-_MORE = ("filter_order", "filter_time", "setpoint_weight", "derivative_setpoint_weight")
-
-
-@dataclass(frozen=True)
-class GainSet:
-    """What a controller is set to: five numbers, the filter of the measurement, the weights of the setpoint."""
-
-    gains: Fopid
-    filter: MeasurementFilter = NO_FILTER
-    weights: SetpointWeights = WHOLE_SETPOINT
-
-    @property
-    def row(self) -> Floats:
-        """All as the search has it, shape (1, 8), or (1, 5) where the five numbers are all."""
-        row = [getattr(self.gains, name) for name in _GAINS]
-        if not self.filter.is_idle or self.weights != WHOLE_SETPOINT:
-            row += [self.filter.time, self.weights.proportional, self.weights.derivative]
-        return np.array([row])
 
 
 @dataclass(frozen=True)
@@ -105,20 +81,6 @@ def natural_frequency(process: Process) -> float:
         return 1.0
 
 
-@lru_cache(32)
-def typed_process(text: str) -> Process:
-    """A process from text or P1 ... P4; files are not read for a page.
-
-    Raises
-    ------
-    InputError
-        An ``ExpressionError`` where it is the text.
-    """
-    if len(text) > LONGEST_PROCESS:
-        raise InputError(f"process has {len(text)} characters; allowed: up to {LONGEST_PROCESS}")
-    return read_process(text) if text.strip() in ("P1", "P2", "P3", "P4") else Process.parse(text)
-
-
 def answer(request: Mapping[str, Any], process: Process | None = None) -> dict[str, Any]:
     """What a page shows of some sets of gains, as JSON knows it.
 
@@ -148,64 +110,14 @@ def answer(request: Mapping[str, Any], process: Process | None = None) -> dict[s
     >>> round(shown["sets"][0]["margins"]["gain_margin"]["value"], 6)
     4.0
     """
-    known = ("sets", "process", "horizon", "sample_time", "quick")
-    for name in request:
-        if name not in known:
-            raise InputError(f"field = {name[:40]!r}; allowed: {', '.join(known)}")
-    if process is None:
-        text = request.get("process")
-        if not isinstance(text, str):
-            raise InputError("process missing; allowed: a text such as 1/(s+1)^3")
-        process = typed_process(text)
-    given = request.get("sets")
-    if not isinstance(given, list) or not 1 <= len(given) <= MOST_SETS:
-        raise InputError(f"sets; allowed: a list of 1 to {MOST_SETS} objects with kp, ki, kd, lam, mu")
-    sets = [gain_set(one) for one in given]
-    horizon = request.get("horizon")
-    span = picture_horizon(process, sets[0]) if horizon is None else number("horizon", horizon, *HORIZON_RANGE)
-    picture = Picture(process, span, number("sample_time", request.get("sample_time", 0.01), 1e-9, 1e9))
-    quick = request.get("quick", False) is True
+    asked = read_request(request, process)
+    span = picture_horizon(asked.process, asked.sets[0]) if asked.horizon is None else asked.horizon
+    picture = Picture(asked.process, span, asked.sample_time)
     return {
-        "process": str(process), "horizon": picture.horizon, "sample_time": picture.sample_time,
+        "process": str(picture.process), "horizon": picture.horizon, "sample_time": picture.sample_time,
         "time": digits(picture.time), "frequency": digits(picture.frequency),
-        "sets": [judged(picture, one, quick) for one in sets],
+        "sets": [judged(picture, one, asked.quick) for one in asked.sets],
     }  # fmt: skip
-
-
-def gain_set(fields: object) -> GainSet:
-    """A set from a JSON object; what is missing is as a controller has it that was told nothing.
-
-    Raises
-    ------
-    InputError
-        For what is no number, or out of range.
-
-    Examples
-    --------
-    >>> gain_set({"kp": 2, "ki": 0.5}).gains
-    Fopid(kp=2.0, ki=0.5, kd=0.0, lam=1.0, mu=1.0)
-    """
-    if not isinstance(fields, Mapping):
-        raise InputError("a set of gains; allowed: an object with kp, ki, kd, lam, mu")
-    for name in fields:
-        if name not in (*_GAINS, *_MORE):
-            raise InputError(f"field = {str(name)[:40]!r}; allowed: {', '.join((*_GAINS, *_MORE))}")
-    kp, ki, kd, lam, mu = (
-        number(name, fields.get(name, 1.0 if name in ("lam", "mu") else 0.0)) for name in _GAINS
-    )  # fmt: skip
-    order = fields.get("filter_order", 0)
-    slow = MeasurementFilter(order if order in (0, 1, 2) else -1, number("filter_time", fields.get("filter_time", 0.0)))
-    weights = [number(name, fields.get(name, 1.0)) for name in _MORE[2:]]
-    return GainSet(Fopid(kp, ki, kd, lam, mu), slow, SetpointWeights(*weights))
-
-
-def number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
-    """A finite number from JSON, within a range."""
-    good = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
-    if not good or not low <= value <= high:  # type: ignore[operator]
-        allowed = "a number" if math.isinf(low) else f"{low:g} to {high:g}"
-        raise InputError(f"{name} = {str(value)[:40]}; allowed: {allowed}")
-    return float(value)  # type: ignore[arg-type]
 
 
 @lru_cache(256)
@@ -248,7 +160,7 @@ def judged(picture: Picture, one: GainSet, quick: bool = False) -> dict[str, Any
         curve = 10.0 ** (gain / 20.0) * np.exp(1j * np.radians(phase))
     curve[np.abs(np.gradient(phase)) > _TURN] = np.nan  # a delay's turns, too dense to draw
     return {
-        "gains": {name: getattr(one.gains, name) for name in _GAINS},
+        "gains": {name: getattr(one.gains, name) for name in GAINS},
         "verdict": {"badge": _badge(verdict), "reason": verdict.reason,
                     "unstable_poles": verdict.unstable_poles if verdict.unstable_poles >= 0 else None},
         "exact": not is_quick,
