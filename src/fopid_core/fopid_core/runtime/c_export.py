@@ -50,6 +50,8 @@ def c_header(settings: ControllerSettings, name: str = "fopid_controller") -> st
         raise InputError(f"name {name!r}; allowed: letters, digits and _, a letter first")
     if settings.angle_wraparound:
         raise InputError("angle_wraparound = True; allowed in C: False")
+    if settings.variable_step:
+        raise InputError("variable_step = True; allowed in C: False, its numbers are those of one sample time")
     band, gains = settings.active_band, settings.gains
     numbers = {
         "sample_time": settings.sample_time, "low": f"{band.low:.3g}", "high": f"{band.high:.3g}",

@@ -1,59 +1,28 @@
 """The FOPID controller as it runs: ``control = controller.step(setpoint, measurement)``.
 
-No clock, no ROS: time is the fixed sample time, one call of ``step`` per tick. Only numpy is imported.
+No clock, no ROS: time is the sample time, or what ``step`` is told; one call of ``step`` per tick. Only numpy is
+imported.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 from fopid_core.errors import InputError
 from fopid_core.runtime.antiwindup import conditioning, direct_feedthrough, setpoint_feedthrough, tracking_gain
+from fopid_core.runtime.controller_state import ControllerState, Mode
 from fopid_core.runtime.filter_bank import Band, integral_weights
 from fopid_core.runtime.measurement_filter import RunningFilter
 from fopid_core.runtime.operators import Operators
 from fopid_core.runtime.reading import Reading
 from fopid_core.runtime.sampled_derivative import derivative_weights
 from fopid_core.runtime.settings import LARGEST, LOWEST, AntiWindup, ControllerSettings, with_gains
+from fopid_core.runtime.variable_step import VariableOperators, check_interval
 
 __all__ = ["AntiWindup", "ControllerSettings", "ControllerState", "FopidController", "Mode", "with_gains"]
 
-Mode = Literal["auto", "manual"]
-
 TURN = 2.0 * math.pi
-
-
-@dataclass(slots=True)
-class ControllerState:
-    """What the controller did at its last tick (units of the signals).
-
-    Attributes
-    ----------
-    setpoint, measurement, error : float
-        As the controller took them: the setpoint within its rate, the error of the filtered measurement and without
-        its deadband, angles that wrap around without their jumps.
-    proportional, integral, derivative, feedforward : float
-        The parts of the control; the integral carries what bumpless changes have left behind.
-    control_unlimited, control : float
-        Before and after the limits.
-    saturated : bool
-        Whether these two differ.
-    mode : {"auto", "manual"}
-    """
-
-    setpoint: float = 0.0
-    measurement: float = 0.0
-    error: float = 0.0
-    proportional: float = 0.0
-    integral: float = 0.0
-    derivative: float = 0.0
-    feedforward: float = 0.0
-    control_unlimited: float = 0.0
-    control: float = 0.0
-    saturated: bool = False
-    mode: Mode = "auto"
 
 
 class FopidController:
@@ -79,9 +48,10 @@ class FopidController:
 
     def __init__(self, settings: ControllerSettings) -> None:
         self.state = ControllerState()
-        self._arguments: tuple[Band, float, float] | None = None
+        self._arguments: tuple[Band, float, float, bool] | None = None
         self._filter: RunningFilter | None = None
         self._filtered = 0.0  # the measurement behind its filter
+        self._shorter = 1.0  # the sample time over an interval that is longer
         self._operators: Operators
         self._install(settings)
         self.reset()
@@ -272,6 +242,52 @@ class FopidController:
         self._implied_control = unlimited if automatic else control
         return control
 
+    def set_interval(self, interval: float) -> None:
+        """The next sample comes so long after the last one [s]; with ``variable_step``, said before each ``step``.
+
+        Raises
+        ------
+        InputError
+            If it is too short or too long for the sample time, or the controller is one of fixed steps.
+        """
+        operators, settings = self._variable, self._settings
+        if operators is None:
+            raise InputError(f"interval = {interval}; allowed: none, without variable_step")
+        check_interval(interval, settings.sample_time)
+        limited = self._conditioned and self.state.control != self._implied_control
+        if limited:  # at the last tick, after its interval
+            self._direction = direct_feedthrough(operators, settings.gains)
+            realisable = operators.of_error / self._direction
+        operators.set_interval(interval)
+        if limited:
+            operators.set_correction(realisable)
+        self.setpoint_feedthrough = setpoint_feedthrough(operators, settings)
+        self._setpoint_move_max = settings.setpoint_rate_max * interval
+        # By hand the control moves at each tick, also in ``wait``.
+        moving = interval if self.state.mode == "auto" else settings.sample_time
+        self._control_move_max = settings.control_rate_max * moving
+        self._shorter = min(1.0, settings.sample_time / interval)
+        if self._filter is not None:
+            self._filter.set_interval(interval)
+
+    def wait(self, manual: float) -> float:
+        """One tick without a new sample, with ``variable_step``: the control stays; in manual mode it follows.
+
+        Raises
+        ------
+        InputError
+            If ``manual`` is not finite, or beyond 1e100.
+        """
+        state = self.state
+        if state.mode == "manual":
+            if not LOWEST <= manual <= LARGEST:
+                raise _refused(manual=manual)
+            self._control_move_max = self._settings.control_rate_max * self._settings.sample_time
+            control = self._limit(manual, state.control)
+            state.control_unlimited, state.control, state.saturated = manual, control, control != manual
+            self._implied_control = control
+        return state.control
+
     def hold(self, control: float | None = None) -> float:
         """One tick without usable inputs.
 
@@ -335,8 +351,12 @@ class FopidController:
         self._settings, gains, band = settings, settings.gains, settings.active_band
         self._provide_operators(settings)
         operators = self._operators
-        derivative = derivative_weights(band, gains.mu, settings.sample_time, settings.derivative_filter_time)
-        operators.set_weights(integral_weights(band, gains.lam), derivative)
+        self._variable = operators if isinstance(operators, VariableOperators) else None
+        if self._variable is not None:
+            self._variable.set_orders(integral_weights(band, gains.lam), gains.mu)
+        else:
+            derivative = derivative_weights(band, gains.mu, settings.sample_time, settings.derivative_filter_time)
+            operators.set_weights(integral_weights(band, gains.lam), derivative)
         self._kp, self._ki, self._kd = gains.kp, gains.ki, gains.kd
         self._integrates = gains.ki != 0.0 and gains.lam > 0.0
         self._off_proportional = 1.0 - settings.setpoint_weight
@@ -356,10 +376,10 @@ class FopidController:
 
     def _provide_operators(self, settings: ControllerSettings) -> None:
         structure = (settings.active_band, settings.sample_time)
-        arguments = (*structure, settings.derivative_filter_time)
+        arguments = (*structure, settings.derivative_filter_time, settings.variable_step)
         if arguments == self._arguments:
             return
-        operators = Operators(*arguments)
+        operators = (VariableOperators if settings.variable_step else Operators)(*arguments[:3])
         if self._arguments and structure == self._arguments[:2]:
             step = operators.copy_state(self._operators)
             self._shift += step
@@ -404,7 +424,7 @@ class FopidController:
         if self.state.mode == "manual":
             integrated = correction = 0.0
         elif correction and (tracks or not self._conditioned):
-            integrated, correction = error + self._tracking_gain * correction, 0.0
+            integrated, correction = error + self._shorter * self._tracking_gain * correction, 0.0
         return integrated, changing, correction
 
     def _windup_excess(self, excess: float) -> float:

@@ -156,6 +156,8 @@ def _refuse_different(settings: Sequence[ControllerSettings]) -> None:
     if not settings:
         raise InputError("a bank of 0 controllers; allowed: 1 and more")
     first = settings[0]
+    if any(each.variable_step for each in settings):
+        raise InputError("variable_step = True in a bank of controllers; allowed: False, all joints tick together")
     for each in settings:
         if (each.sample_time, each.active_band) != (first.sample_time, first.active_band):
             raise InputError(

@@ -74,8 +74,12 @@ class RunningFilter:
 
     def __init__(self, wanted: MeasurementFilter, sample_time: float) -> None:
         self.wanted = wanted, sample_time
-        self.step = FilterStep.of(wanted, sample_time)
+        self.set_interval(sample_time)
         self.rest_at(0.0)
+
+    def set_interval(self, interval: float) -> None:
+        """The samples to come are so far apart [s]."""
+        self.step = FilterStep.of(self.wanted[0], interval)
 
     def rest_at(self, value: float) -> None:
         """The measurement has always been this."""

@@ -61,20 +61,28 @@ class Operators:
     """
 
     def __init__(self, band: Band, sample_time: float, filter_time: float = 0.0) -> None:
-        integral = _integrated(band, sample_time)
-        derivative = _differentiated(band, sample_time, lag_weights(filter_time, sample_time))
+        self._poles = poles = band.lag_poles()
+        integral = integrated_rows(poles, sample_time)
+        filter_weights = lag_weights(filter_time, sample_time)
+        derivative = differentiated_rows(poles, sample_time, filter_weights, (sample_time,) * 3)
         n, m = len(integral), len(derivative)
         self.integrated, self.size = n, n + m
         self.matrix = np.zeros((n + m + 3, n + m + 3), order="F")
-        self.matrix[:n, :n], self.matrix[:n, -2] = integral[:, :n], integral[:, n]
-        self.matrix[n:-3, n:-3], self.matrix[n:-3, -1] = derivative[:, :m], derivative[:, m]
         self._multiply: Callable[[Vector, Vector], object] = self.matrix.dot
         self.weights = np.zeros((2, n + m))
-        self.of_error: Vector = self.matrix[:-3, -2] + self.matrix[:-3, -1]
+        self.of_error: Vector
+        self.fill(integral, derivative)
         self._correction = np.zeros(n + m)
         self._now, self._next = np.zeros(n + m + 3), np.zeros(n + m + 3)
         self._outputs, self._next_outputs = self._now[-2:], self._next[-2:]
         self._ticks = 0
+
+    def fill(self, integral: Matrix, derivative: Matrix) -> None:
+        """Carry on what is remembered by these rows; how it is read is said again after that."""
+        n, m = self.integrated, len(derivative)
+        self.matrix[:n, :n], self.matrix[:n, -2] = integral[:, :n], integral[:, n]
+        self.matrix[n:-3, n:-3], self.matrix[n:-3, -1] = derivative[:, :m], derivative[:, m]
+        self.of_error = self.matrix[:-3, -2] + self.matrix[:-3, -1]
 
     def reset(self) -> None:
         """Forget everything: both signals have always been zero."""
@@ -150,9 +158,8 @@ class Operators:
         self._ticks = 0
 
 
-def _integrated(band: Band, h: float) -> Matrix:
-    """[lags, area, value] after a tick, as a matrix on [lags, area, value, new value]."""
-    p = band.lag_poles()
+def integrated_rows(p: Vector, h: float) -> Matrix:
+    """[lags, area, value] after a tick, as a matrix on [lags, area, value, new value], for lags of these poles."""
     n = len(p)
     from_new = ramp_share(p * h) * h
     matrix = np.zeros((n + 2, n + 3))
@@ -164,15 +171,19 @@ def _integrated(band: Band, h: float) -> Matrix:
     return matrix
 
 
-def _differentiated(band: Band, h: float, filter_weights: tuple[float, float, float]) -> Matrix:
-    """[washouts, differences, unfiltered value] after a tick, as a matrix on the same and the new value."""
-    p = band.lag_poles()
+def differentiated_rows(
+    p: Vector, h: float, filter_weights: tuple[float, float, float], distances: tuple[float, ...]
+) -> Matrix:
+    """[washouts, differences, unfiltered value] after a tick, as a matrix on the same and the new value.
+
+    A difference is the step since the last tick over its distance [s].
+    """
     n, last = len(p), len(p) + DIFFERENCES
     matrix = np.zeros((last + 1, last + 2))
     matrix[n, [n, last, last + 1]] = filter_weights
-    for row in range(n + 1, last):
-        matrix[row] = matrix[row - 1] / h
-        matrix[row, row - 1] -= 1.0 / h
+    for row, distance in zip(range(n + 1, last), distances, strict=True):
+        matrix[row] = matrix[row - 1] / distance
+        matrix[row, row - 1] -= 1.0 / distance
     slope = matrix[n + 1]
     matrix[:n] = np.outer(-np.expm1(-p * h) / p, slope)  # a washout of w is a lag of w', constant between samples
     matrix[:n, :n] = np.diag(np.exp(-p * h))

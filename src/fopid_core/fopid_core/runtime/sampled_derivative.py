@@ -38,7 +38,9 @@ class DerivativeWeights:
 
 
 @lru_cache(maxsize=256)
-def derivative_weights(band: Band, order: float, sample_time: float, filter_time: float = 0.0) -> DerivativeWeights:
+def derivative_weights(
+    band: Band, order: float, sample_time: float, filter_time: float = 0.0, *, by_lags: bool = True
+) -> DerivativeWeights:
     """The reading that makes s^order, with 0 <= order <= 2, of a signal sampled every ``sample_time`` [s].
 
     Within 0.1 dB and 1 deg from the band's low edge to a tenth of the Nyquist frequency, or to the band's high edge
@@ -53,6 +55,9 @@ def derivative_weights(band: Band, order: float, sample_time: float, filter_time
         [s]
     filter_time : float
         Time constant of the lag before the derivative [s]; 0 for none.
+    by_lags : bool
+        Whether the quick lags help with what lines between samples miss. Their weights nearly cancel, and are good for
+        this sample time alone; without them the differences do what they can, nearly as well, near it too.
 
     Examples
     --------
@@ -68,7 +73,7 @@ def derivative_weights(band: Band, order: float, sample_time: float, filter_time
     target = np.where(met, 1.0, max(0.0, 1.0 - order)) * loudness
     filtered = np.where(met, sampled_lag(filter_time, sample_time, theta) * (1.0 + filter_time * s), 1.0)
     columns = sampled_columns(band, sample_time, theta) * (filtered * loudness / s**order)[:, np.newaxis]
-    ahead = _looking_ahead(band, sample_time)
+    ahead = _looking_ahead(band, sample_time, by_lags)
     weights = weights + ahead @ least_squares(columns @ ahead, target - columns @ weights, _ALIKE)
     return DerivativeWeights(*np.split(weights, [band.poles + 1]))
 
@@ -90,14 +95,14 @@ def _of_lines(band: Band, order: float) -> Vector:
     return np.concatenate([-w * band.lag_poles(), differences])
 
 
-def _looking_ahead(band: Band, h: float) -> NDArray[np.float64]:
+def _looking_ahead(band: Band, h: float, by_lags: bool) -> NDArray[np.float64]:
     """What is added to weights, shape (poles + 5, n): the second and third difference, and s/p - s/(s + p).
 
     All of them vanish like s^2 towards low frequencies, so that constants and ramps are differentiated as in the
     books. Of the lags only those between a twentieth of the sampling and the sampling can help.
     """
     p = band.lag_poles()
-    quick = np.flatnonzero((p * h > 0.03) & (p * h < 4.0))
+    quick = np.flatnonzero(by_lags & (p * h > 0.03) & (p * h < 4.0))
     ahead = np.zeros((p.size + DIFFERENCES, quick.size + 2))
     ahead[p.size + 2, 0] = ahead[p.size + 3, 1] = 1.0
     for column, lag in enumerate(quick, start=2):

@@ -67,6 +67,8 @@ class ControllerSettings:
     angle_wraparound : bool
         Setpoint and measurement are angles [rad] of something that turns without end, so that a turn more is the same
         place: the error is the shortest way, -pi to pi.
+    variable_step : bool
+        Whether the controller is told before each step how long the last sample is ago (``set_interval``).
     """
 
     gains: Fopid
@@ -88,6 +90,7 @@ class ControllerSettings:
     angle_wraparound: bool = False
     measurement_filter_order: int = 0
     measurement_filter_time: float = 0.0
+    variable_step: bool = False
 
     def __post_init__(self) -> None:
         for name in ("kp", "ki", "kd"):

@@ -71,6 +71,8 @@ class LoopInputs:
     Attributes
     ----------
     setpoint, measurement, feedforward, manual, tracking, scheduling : Input
+    sampled_ns : int
+        When the measurement was taken [ns]: its stamp, or where it has none when it came.
     """
 
     def __init__(
@@ -86,6 +88,7 @@ class LoopInputs:
         self.scheduling.without = "the gains stay as they are"
         self.all = (self.setpoint, self.measurement, self.feedforward, self.manual, self.tracking, self.scheduling)
         self.setpoint.received_ns = now()
+        self.sampled_ns = 0
         self._tracking_required, self._scheduled = bool(values["tracking.required"]), False
         self.stamps = Stamps(node, counts)
         self._pending: list[tuple[Input, PendingValues]] = []
@@ -153,10 +156,10 @@ class LoopInputs:
             for value in ahead.due(stamp_ns):
                 self.take(one, value, stamp_ns)
 
-    def take(self, one: Input, value: float, now_ns: int) -> None:
+    def take(self, one: Input, value: float, now_ns: int) -> bool:
         """Keep an input's newest value; one that is not finite is counted and refused."""
         if one.take(value, now_ns):
-            return
+            return True
         kind = self._types[one.name]
         told = f"{one.name} = {value}" + (f" at {kind.field!r}" if math.isnan(value) else "")
         if kind.lacking:
@@ -164,6 +167,7 @@ class LoopInputs:
         self._refuse(
             one, f"{told}{'' if kind.lacking else '; allowed: finite numbers'}; refused ({one.refused} so far)"
         )
+        return False
 
     def take_measurement(self, message: Any) -> None:
         """In real time: a stamp, where there is one, tells old samples from new ones."""
@@ -174,9 +178,11 @@ class LoopInputs:
         order = self.stamps.order(stamp)
         if order is Order.OLDER:
             return
+        sampled = stamp or now
         if order is Order.SAME:  # it is as old as it was
             now = one.received_ns
-        self.take(one, kind.read(message), now)
+        if self.take(one, kind.read(message), now):
+            self.sampled_ns = sampled
 
     def _comes_from_the_future(self, one: Input, stamp_ns: int | None) -> bool:
         """Whether a stamp is further ahead than a tick and the clocks' skew: it is refused and counted."""

@@ -39,6 +39,7 @@ from fopid_ros.controller.parameters import (
     signal_types,
 )
 from fopid_ros.controller.retained import check_provenance
+from fopid_ros.controller.sample_intervals import SampleIntervals, check_variable_step
 from fopid_ros.controller.scheduling import Scheduling, check_scheduled_gains, listens
 from fopid_ros.controller.state_message import fill_signals
 from fopid_ros.controller.ticking import TickingNode
@@ -57,6 +58,7 @@ class ControllerNode(TickingNode):
         initial_setpoint(values)
         check_timeouts(values)
         check_cascade(values)
+        check_variable_step(values)
         check_scheduled_gains(self._values if self.configured else values, values)
         check_file_name(values)
         check_provenance(values)
@@ -73,6 +75,8 @@ class ControllerNode(TickingNode):
         self._dropped: list[Input] = []
         counts = self._statistics.counts
         self._inputs = LoopInputs(self, values, types, counts, self._now, initial_setpoint(values))
+        self._intervals = SampleIntervals(values["sample_time"]) if values["variable_step"] else None
+        self._sample_interval: float | None = None  # to the sample of this tick, with variable_step
         self._scheduling = Scheduling(values, self._controller, self._inputs)
         self._control = values["safe_control"]
         self._publisher_conflicts = PublisherConflicts(self, LOOP_SIGNALS)
@@ -137,7 +141,8 @@ class ControllerNode(TickingNode):
     # Ticks.
 
     def take_measurement(self, message: Any, stamp_ns: int) -> None:
-        self._inputs.take(self._inputs.measurement, self._types["measurement"].read(message), stamp_ns)
+        if self._inputs.take(self._inputs.measurement, self._types["measurement"].read(message), stamp_ns):
+            self._inputs.sampled_ns = stamp_ns
 
     def make_safe(self) -> None:
         self._control = self._values["safe_control"]
@@ -145,6 +150,7 @@ class ControllerNode(TickingNode):
     def tick(self, stamp_ns: int, now_ns: int) -> None:
         inputs, mode = self._inputs, self._controller.state.mode
         unusable, dropped = inputs.unusable(now_ns, mode), inputs.dropped(now_ns)
+        unusable = self._measure_interval(unusable)
         if (unusable, dropped) != (self._unusable, self._dropped):
             self._log_input_state(unusable, dropped)
         steps = not (unusable or self._contested)
@@ -161,15 +167,32 @@ class ControllerNode(TickingNode):
         if told and self._state_is_due(now_ns):
             self._publish_state(stamp_ns, now_ns, state)
 
+    def _measure_interval(self, unusable: list[Input]) -> list[Input]:
+        """With ``variable_step`` the time since the last sample; too long a time is a measurement that was stale."""
+        intervals, measurement = self._intervals, self._inputs.measurement
+        if intervals is None:
+            return unusable
+        if not unusable:
+            self._sample_interval = intervals.take(self._inputs.sampled_ns)
+            if self._sample_interval > intervals.longest(measurement.timeout_ns):
+                unusable = [measurement]
+        if unusable or self._contested:
+            intervals.begin()
+        return unusable
+
     def _step(self, now_ns: int) -> float:
         controller, inputs = self._controller, self._inputs
         self._parts_known, manual = True, inputs.manual
         self._scheduling.follow(now_ns)
         if controller.state.mode == "auto":
             manual.value = math.nan  # on a change to manual the control stays until the next message
+        by_hand = controller.state.control if manual.missing else manual.value
+        if self._sample_interval == 0.0:
+            return controller.wait(by_hand)
+        if self._sample_interval is not None:
+            controller.set_interval(self._sample_interval)
         return controller.step(
-            inputs.setpoint.value, inputs.measurement.value, inputs.feedforward.faded(now_ns),
-            controller.state.control if manual.missing else manual.value,
+            inputs.setpoint.value, inputs.measurement.value, inputs.feedforward.faded(now_ns), by_hand,
             self._cascade.limit(now_ns, controller.state.control),
         )  # fmt: skip
 
@@ -211,6 +234,8 @@ class ControllerNode(TickingNode):
     def forget(self) -> None:
         self._controller.reset()
         self._parts_known = False
+        if self._intervals is not None:
+            self._intervals.begin()
 
     def send_control(self, stamp_ns: int) -> None:
         self.publish_control(self._control, stamp_ns)
@@ -231,7 +256,8 @@ class ControllerNode(TickingNode):
         # A state that has just been given up is told as it was.
         given_up = state is not self._controller.state
         fill_signals(message, state, self._inputs, now_ns, known=given_up or self._parts_known)
-        message.sample_interval, message.overruns = self._interval, self._statistics.counts.late_ticks
+        message.sample_interval = self._interval if self._sample_interval is None else self._sample_interval
+        message.overruns = self._statistics.counts.late_ticks
         message.stale, message.refused = bool(self._unusable), self._statistics.counts.refused_values
         self._state_publisher.publish(message)
 

@@ -47,6 +47,8 @@ SPECS = (
     Spec("band.high", 0.0, "upper edge of that band [rad/s]; 0 chooses the Nyquist frequency", 0.0, 1e9),
     Spec("band.poles", 0, "number of lags on that band; 0 chooses", 0, 60),
     Spec("horizon", 0.0, "longest time scale that matters [s]: the band reaches down to it; 0 chooses", 0.0, 1e9),
+    Spec("variable_step", False, "integrate and differentiate over the intervals between samples as their stamps say, "
+         "in place of sample_time", at_configure=True),
     Spec("setpoint.initial", math.inf, "setpoint until one comes; inf waits for one", at_configure=True),
     Spec("setpoint_rate_max", math.inf, "largest change of the setpoint per second; inf for none", 0.0),
     Spec("deadband", 0.0, "errors up to this size count as zero [measurement unit]", 0.0, LARGEST),
@@ -107,7 +109,7 @@ _SAME_IN_THE_CORE = (
     "sample_time", "setpoint_weight", "derivative_setpoint_weight", "derivative_filter_time", "control_rate_max",
     "antiwindup", "tracking_time", "bumpless", "safe_control", "horizon", "setpoint_rate_max", "deadband",
     "angle_wraparound",
-    "measurement_filter_order", "measurement_filter_time",
+    "measurement_filter_order", "measurement_filter_time", "variable_step",
 )  # fmt: skip
 
 
