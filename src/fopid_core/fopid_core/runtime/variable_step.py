@@ -43,7 +43,7 @@ class DerivativeReadings:
     --------
     >>> readings = DerivativeReadings(Band(1e-2, 1e2, 10), 1.0, 0.1, 0.0)
     >>> readings.at(0.1).differences.round(3).tolist(), readings.at(0.2).differences.round(3).tolist()
-    ([0.0, 1.0, 0.049, 0.003], [0.0, 1.0, 0.099, 0.012])
+    ([0.0, 1.0, 0.048, 0.002], [0.0, 1.0, 0.097, 0.007])
     """
 
     def __init__(self, band: Band, order: float, sample_time: float, filter_time: float) -> None:
