@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 from flint import acb, arb, ctx, fmpq
 
 _ZERO = fmpq(0)
-
 Form = tuple[fmpq, ...]  # a constant, and a factor for each parameter
 Piece = tuple[float, float, acb]  # from and to which frequency Re(f conj(direction)) > 0 and all bounds hold
 Polynomial = dict[tuple[int, ...], fmpq]  # by the powers of the parameters
@@ -45,7 +44,7 @@ def check(text: str) -> str:
     try:
         content = _read(text)
         with ctx.workprec(_whole(content["precision"], 53, 4096)):
-            _Proof(content).show()
+            _Proof(content).show(content["proof"])
     except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError) as error:
         return f"rejected: {type(error).__name__} {error}"
     return ""
@@ -87,10 +86,9 @@ class _Proof:
 
     def __init__(self, content: dict[str, Any]) -> None:
         self.cell = [(_exact(low), _exact(high)) for _, low, high in content["parameters"]]
-        self.size, self.ball, self.root = len(self.cell), content["region"] == "ball", content["proof"]
-        _require(len({str(name) for name, _, _ in content["parameters"]}) == self.size, "parameters: names")
-        _require(all(low < high for low, high in self.cell), "parameters: no box")
-        _require(content["region"] in ("box", "ball"), "region: neither box nor ball")
+        self.size, self.ball = len(self.cell), {"box": False, "ball": True}[content["region"]]
+        names = {str(name) for name, _, _ in content["parameters"]}
+        _require(len(names) == self.size and all(low < high for low, high in self.cell), "parameters: no box")
         numerator, denominator = (self._terms(content["process"][p]) for p in ("numerator", "denominator"))
         kp, ki, kd, lam, mu = map(_exact, content["gains"])
         _require(0 <= lam <= 2 and 0 <= mu <= 2, "gains: orders outside 0 to 2")
@@ -106,9 +104,9 @@ class _Proof:
         _require(claims.keys() == {"stable", "share", "noise_band"} and claims["stable"] is True, "claims: unknown")
         _require(self.band > 0 and all(bound > 0 for _, bound in self.bounds), "claims: a bound that is not positive")
 
-    def show(self) -> None:
+    def show(self, proof: Any) -> None:
         """Prove the claims, or raise."""
-        closed, opened = self._walk(self.root, self.cell, [])
+        closed, opened = self._walk(proof, self.cell, [])
         _require(closed >= _exact(self.claims["share"]) * (closed + opened) > 0, "claims: share is not covered")
 
     def _terms(self, rows: list[Any]) -> list[_Term]:
@@ -158,18 +156,21 @@ class _Proof:
         used = {0, 1} | {i for i, _ in bounds}
         centre = {i: _values(over.centres[i], self.size, wc.log(), arb(0), arb(0)) for i in used}
         f = [a + b for a, b in zip(centre[0], centre[1], strict=True)]
-        _require(bool(abs(f[0]) > 0), f"near {low!r} rad/s: 1 + L may vanish")
         nu = min(max((f[1] / f[0]).real.mid(), arb(0)), max(b.order.mid() for b in over.balls[0]))
         around = {i: _values(over.balls[i], self.size, wc.log(), t, nu) for i in used}
         g = [a + b for a, b in zip(around[0], around[1], strict=True)]
-        ahead, radii = f[0].mid().conjugate(), [t.abs_upper(), *over.radii]
+        ahead, radii = f[0].conjugate() / abs(f[0]), [t.abs_upper(), *over.radii]
         away = _positive((ahead * f[0]).real, [(ahead * slope).real for slope in g[1:]], radii, (ahead * g[0]).real)
         _require(away, f"{low!r} to {high!r} rad/s: 1 + L may vanish")
         for i, bound in bounds:
-            x, a, pairs = arb(bound) ** 2, around[i], zip(g[1:], around[i][1:], strict=True)
-            slopes = [2 * (x * (g[0].conjugate() * df) - a[0].conjugate() * da).real for df, da in pairs]
-            middle = x * abs(f[0]) ** 2 - abs(centre[i][0]) ** 2
-            all_over = arb(bound) * g[0].abs_lower() - a[0].abs_upper()
+            # abs(f) >= Re(u f) and abs(A) <= Re(v A) + Im(v A)^2 / (2 Re(v A)), u and v (ahead, back) of length 1.
+            back = centre[i][0].conjugate() / abs(centre[i][0])
+            parts = [(ahead * arb(bound) * (j < 2) - back * (j == i), centre[j][0], around[j]) for j in used]
+            middle = sum((x * c for x, c, _ in parts), start=acb(0)).real
+            slopes = [sum((x * a[k + 1] for x, _, a in parts), start=acb(0)).real for k in range(len(radii))]
+            a = back * around[i][0]
+            middle -= a.imag**2 / (2 * a.real) if a.real > 0 else abs(a) - a.real
+            all_over = arb(bound) * g[0].abs_lower() - around[i][0].abs_upper()
             _require(_positive(middle, slopes, radii, all_over), f"{low!r} to {high!r} rad/s: a bound may be broken")
         return ahead.conjugate()
 

@@ -1,7 +1,9 @@
 """What a loop does on a piece of frequency and a cell of parameters, enclosed by ball arithmetic (Johansson 2017).
 
-With L = F / O, f = O + F and a bound X on abs(A / f), two real functions must stay positive: Re(f conj(u)) for some
-direction u, and X^2 abs(f)^2 - abs(A)^2. The mean value theorem bounds them from below: the value in the middle, less
+With L = F / O, f = O + F and a bound X on abs(A / f), two real functions must stay positive: Re(f conj(u)) and
+X Re(f conj(u)) - Re(A conj(v)), with u and v the directions of f and A in the middle; the second by more than
+Im(A conj(v))^2 / (2 Re(A conj(v))), by which abs(A) may be longer than Re(A conj(v)). Both are linear in the terms,
+those that f and A share taken together. The mean value theorem bounds them from below: the value in the middle, less
 the enclosed slope along each axis times half the width. Before that all is divided by w^nu, with nu the local slope of
 abs(f) on logarithmic axes, so that mere growth does not count.
 """
@@ -13,8 +15,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from flint import acb, arb, fmpq
+from flint import acb, arb
 
+from fopid_core.design.certificate.cell_terms import CellTerm, ball, ball_term, over_cell, range_over
 from fopid_core.design.certificate.family import Family, FamilyTerm, Linear, decimal
 from fopid_core.model.fopid import Fopid
 
@@ -74,27 +77,16 @@ class Attempt:
 
 @dataclass(frozen=True)
 class _Test:
-    """A function that must be positive: its value in the middle, its value and slopes all over a piece."""
+    """A function that must be positive, more than by something to spare.
+
+    Its value in the middle, its value and slopes all over a piece.
+    """
 
     which: int | None
     middle: arb
     everywhere: arb
     slopes: list[arb]
-
-
-@dataclass(frozen=True)
-class _Slice:
-    """A term over a cell."""
-
-    size: arb
-    size_slopes: tuple[arb, ...]
-    order: arb
-    delay: arb
-
-
-def ball(value: Fraction) -> arb:
-    """The smallest ball around a rational number."""
-    return arb(fmpq(value.numerator, value.denominator))
+    spare: arb
 
 
 class LoopEnclosure:
@@ -109,6 +101,7 @@ class LoopEnclosure:
         forward = [_multiplied(term, c, order) for c, order in gains if c for term in family.numerator]
         weighted = [_multiplied(term, c, order) for c, order in gains if c for term in family.denominator]
         self.functions = (opened, forward, weighted)
+        self.balls = [[ball_term(term) for term in terms] for terms in self.functions]
         self.characteristic = _collected([*opened, *forward])
         self.quarter = arb.pi() / 2
 
@@ -131,9 +124,8 @@ class CellEnclosure:
         self.sides = [ball(low).union(ball(high)) for low, high in cell]
         self.halves = [ball((high - low) / 2) for low, high in cell]
         points = [ball(value) for value in self.middle]
-        self._wide = [[_slice(term, self.sides) for term in terms] for terms in loop.functions]
-        self._thin = [[_slice(term, points) for term in terms] for terms in loop.functions] if cell else self._wide
-
+        self._wide = [[over_cell(term, self.sides) for term in terms] for terms in loop.balls]
+        self._thin = [[over_cell(term, points) for term in terms] for terms in loop.balls] if cell else self._wide
         self._highest = max(part.order.mid() for part in self._wide[SENSITIVITY])
 
     def attempt(self, low: float, high: float) -> Attempt:
@@ -144,48 +136,50 @@ class CellEnclosure:
         step = (first / centre).log().union((last / centre).log())
         wanted = self.loop.bounds.wanted(low)
         used = {SENSITIVITY, COMPLEMENTARY, *(which for which, _ in wanted)}
-        thin = {i: self._sum(i, self._thin, log_centre, arb(0), arb(0)) for i in used}
+        thin = {i: self._sum(self._thin[i], log_centre, arb(0), arb(0)) for i in used}
         f = [a + b for a, b in zip(thin[0], thin[1], strict=True)]
         if not abs(f[0]) > 0:
             return Attempt(0j, False)
         growth = min(max((f[1] / f[0]).real.mid(), arb(0)), self._highest)
         direction = f[0].mid()
-        wide = {i: self._sum(i, self._wide, log_centre, step, growth) for i in used}
+        wide = {i: self._sum(self._wide[i], log_centre, step, growth) for i in used}
         g = [a + b for a, b in zip(wide[0], wide[1], strict=True)]
         turned = [(direction.conjugate() * value).real for value in g]
-        tests = [_Test(None, (direction.conjugate() * f[0]).real, turned[0], turned[1:])]
+        tests = [_Test(None, (direction.conjugate() * f[0]).real, turned[0], turned[1:], arb(0))]
+        ahead = direction.conjugate() / abs(direction)
         for which, bound in wanted:
-            square, own = bound**2, wide[which]
-            slopes = [
-                2 * (square * (g[0].conjugate() * g[i]).real - (own[0].conjugate() * own[i]).real)
-                for i in range(1, len(g))
-            ]
-            middle = square * _squared(f[0]) - _squared(thin[which][0])
-            tests.append(_Test(which, middle, bound * g[0].abs_lower() - own[0].abs_upper(), slopes))
+            own, turn = wide[which], _turn(thin[which][0])
+            weights = {SENSITIVITY: bound * ahead, COMPLEMENTARY: bound * ahead}
+            weights[which] = weights.get(which, acb(0)) - turn
+            middle, *slopes = (
+                sum((weight * (thin if k == 0 else wide)[i][k] for i, weight in weights.items()), start=acb(0)).real
+                for k in range(len(g))
+            )
+            everywhere = bound * g[0].abs_lower() - own[0].abs_upper()
+            tests.append(_Test(which, middle, everywhere, slopes, _sagitta(turn * own[0])))
         return _judged(_unit(direction), tests, [step.abs_upper(), *self.halves])
 
-    def _sum(self, which: int, slices: list[list[_Slice]], log_centre: arb, step: arb, growth: arb) -> list[acb]:
+    def _sum(self, parts: list[CellTerm], log_centre: arb, step: arb, growth: arb) -> list[acb]:
         """A function over w^growth, and its slopes along ln w and the parameters; at the centre where the step is 0."""
         w = (log_centre + step).exp()
         quarter = self.loop.quarter
         log_s = acb(log_centre + step, quarter)
         total = [acb(0)] * (2 + len(self.cell))
-        for term, part in zip(self.loop.functions[which], slices[which], strict=True):
+        for part in parts:
             slope = part.order - growth
             power = acb(part.order * log_centre + slope * step, part.order * quarter - part.delay * w).exp()
             value = power * part.size
             total[0] += value
             total[1] += value * acb(slope, -part.delay * w)
-            for i, change in enumerate(part.size_slopes):
-                rate = log_s * ball(term.order[i + 1]) - acb(0, w * ball(term.delay[i + 1]))
-                total[i + 2] += power * change + value * rate
+            for i, (change, order, delay) in enumerate(part.rates):
+                total[i + 2] += power * change + value * (log_s * order - acb(0, w * delay))
         return total
 
     def broken_all_over(self, frequency: float, which: int) -> bool:
         """Whether a function breaks its bound at a frequency for every process of the cell."""
         log_w = ball(decimal(frequency)).log()
         bound = dict(self.loop.bounds.wanted(frequency))[which]
-        wide = {i: self._sum(i, self._wide, log_w, arb(0), arb(0)) for i in {SENSITIVITY, COMPLEMENTARY, which}}
+        wide = {i: self._sum(self._wide[i], log_w, arb(0), arb(0)) for i in {SENSITIVITY, COMPLEMENTARY, which}}
         return bool(_squared(wide[which][0]) > bound**2 * _squared(wide[0][0] + wide[1][0]))
 
     def origin(self, high: float) -> Attempt:
@@ -223,7 +217,7 @@ class CellEnclosure:
         lead = self.leading()
         if lead is None or low < 1.0:
             return Attempt(0j, False)
-        size = _slice(lead, self.sides).size
+        size = over_cell(ball_term(lead), self.sides).size
         others = self._share([term for term in self.loop.characteristic if term is not lead], lead, size, low)
         if others is None or not others < 1 or not abs(size) > 0:
             return Attempt(0j, False)
@@ -242,10 +236,10 @@ class CellEnclosure:
         for term in terms:
             if term == lead:
                 continue
-            gap = _range(tuple(a - b for a, b in zip(lead.order, term.order, strict=True)), self.sides)
+            gap = range_over([ball(a - b) for a, b in zip(lead.order, term.order, strict=True)], self.sides)
             if not gap >= 0:
                 return None
-            part = _slice(term, self.sides).size
+            part = over_cell(ball_term(term), self.sides).size
             total += part.abs_upper() / size.abs_lower() * (-gap * log_w).exp()
         return total
 
@@ -254,9 +248,11 @@ def _judged(direction: complex, tests: list[_Test], reach: list[arb]) -> Attempt
     worst, drifts = 0.0, (0.0,) * len(reach)
     for test in tests:
         spoilt = [slope.abs_upper() * r for slope, r in zip(test.slopes, reach, strict=True)]
-        if test.middle > _SPARE * sum(spoilt, start=arb(0)) or test.everywhere > 0:
+        drift = sum(spoilt, start=arb(0))
+        if test.middle > _SPARE * (drift + test.spare) or test.everywhere > 0:
             continue
-        shares = tuple(float((part / test.middle).abs_upper()) for part in spoilt)
+        scale = (1 + test.spare / drift) / test.middle if drift > 0 else arb("inf")
+        shares = tuple(float((part * scale).abs_upper()) for part in spoilt)
         if test.middle < 0 and test.which is not None:
             return Attempt(direction, False, test.which, shares)
         if not sum(shares) <= worst:
@@ -272,30 +268,6 @@ def _at(form: Linear, values: Sequence[Fraction]) -> Fraction:
     return form[0] + sum((a * v for a, v in zip(form[1:], values, strict=True)), start=Fraction(0))
 
 
-def _range(form: Linear, sides: Sequence[arb]) -> arb:
-    total = ball(form[0])
-    for factor, side in zip(form[1:], sides, strict=True):
-        total += ball(factor) * side
-    return total
-
-
-def _slice(term: FamilyTerm, sides: Sequence[arb]) -> _Slice:
-    size, slopes = arb(0), [arb(0) for _ in sides]
-    for powers, number in term.coefficient.items():
-        factors = [_power(side, power) for side, power in zip(sides, powers, strict=True)]
-        size += math.prod(factors, start=ball(number))
-        for i, power in enumerate(powers):
-            if power:
-                others = [factor for j, factor in enumerate(factors) if j != i]
-                slopes[i] += math.prod(others, start=ball(number * power)) * _power(sides[i], power - 1)
-    return _Slice(size, tuple(slopes), _range(term.order, sides), _range(term.delay, sides))
-
-
-def _power(side: arb, power: int) -> arb:
-    """By products: arb's own power is not a number where a side reaches from below zero to above."""
-    return math.prod([side] * power, start=arb(1))
-
-
 def _multiplied(term: FamilyTerm, factor: Fraction, order: Fraction) -> FamilyTerm:
     coefficient = {powers: factor * number for powers, number in term.coefficient.items()}
     return FamilyTerm(coefficient, (term.order[0] + order, *term.order[1:]), term.delay)
@@ -309,6 +281,18 @@ def _collected(terms: Sequence[FamilyTerm]) -> list[FamilyTerm]:
         for powers, number in term.coefficient.items():
             own[powers] = own.get(powers, Fraction(0)) + number
     return [FamilyTerm(own, *key) for key, own in sums.items() if any(own.values())]
+
+
+def _turn(value: acb) -> acb:
+    """What turns a number to the positive axis; 1 for one that may be 0."""
+    return value.conjugate() / abs(value) if abs(value) > 0 else acb(1)
+
+
+def _sagitta(value: acb) -> arb:
+    """By how much a number is longer than its real part, at most."""
+    if value.real > 0:
+        return value.imag.abs_upper() ** 2 / (2 * value.real.lower())
+    return value.abs_upper() - value.real.lower()
 
 
 def _squared(value: acb) -> arb:
