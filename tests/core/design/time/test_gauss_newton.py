@@ -50,6 +50,16 @@ def test_slopes_are_those_of_finite_differences(problem: TimeProblem) -> None:
         assert np.allclose((high.slack - low.slack) / 2e-4, point.slack_slopes[:, position], atol=1e-3, rtol=1e-3)
 
 
+def test_slopes_are_finite_where_there_is_no_controller_at_all() -> None:
+    bounds = {"ms_max": 1.6, "mt_max": 1.6, "noise_max": 20.0}
+    specification = TimeSpecification(Objective.of("iae", {}), 40.0, input="load", filter_order=2, **bounds)
+    point = TimeProblem(read_process("P1"), specification).linearised(
+        np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.1, 1.0, 1.0])
+    )
+    for values in (point.signals, point.signal_slopes, point.slack, point.slack_slopes):
+        assert np.isfinite(values).all()
+
+
 def test_a_descent_never_ends_worse_than_it_began(problem: TimeProblem) -> None:
     start = np.array([[0.5, 0.2, 0.1, 1.0, 0.9], [1.0, 0.1, 0.1, 0.8, 0.5], [0.3, 0.4, 0.3, 1.2, 0.6]])
     for descent in begin(problem, start):

@@ -16,6 +16,7 @@ from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.tuning import TimeDesign, tune_time
 from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError
+from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
 from fopid_core.model.response import step_response
@@ -81,6 +82,60 @@ def test_more_freedom_never_costs_more() -> None:
     assert costs == sorted(costs, reverse=True)
     assert costs[-1] < 0.8 * costs[0]
     assert design("pid").cost < design("pid", two_degrees=False, filter_order=0).cost
+
+
+PEAK = 1.00073888
+"""Of the control of 0.5 + 0.59/s on P2: hardly more than the 1 that holds the setpoint."""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(
+    ("process", "bounds"),
+    [
+        ("P2", {"u_max": PEAK}),
+        ("P1", {"u_max": 1.03, "mt_max": 1.3}),
+        ("9/((s+1)(s^2+2s+9))*exp(-0.1s)", {"mt_max": 1.4, "noise_max": 10.0, "input": "load"}),
+    ],
+)  # a structure that contains another one never costs more than that under the same bounds
+def test_a_richer_structure_is_never_dearer(process: str, bounds: dict[str, object]) -> None:
+    asked = {"mt_max": math.inf, "noise_max": 20.0, "input": "both", "u_max": math.inf, **bounds}
+    found = {name: design(name, process, **asked) for name in ("pi", "pid", "fopi", "fopid")}
+    assert all(one.met for one in found.values())
+    for simple, rich in (("pi", "pid"), ("pi", "fopi"), ("pid", "fopid"), ("fopi", "fopid")):
+        assert found[rich].cost <= 1.005 * found[simple].cost
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_bound_just_above_the_control_at_rest_does_not_slow_the_loop() -> None:
+    by_hand = Loop(read_process("P2"), Fopid(0.5, 0.59, 0.0))
+    assert step_response(by_hand, HORIZON).control_peak <= PEAK * (1.0 + 1e-6)
+    cost = sum(
+        response_indices(answer.time, answer.error, answer.uncertainty)[0].iae
+        for answer in (step_response(by_hand, HORIZON, source) for source in ("setpoint", "load"))
+    )
+    found = design("pi", "P2", mt_max=math.inf, noise_max=20.0, input="both", u_max=PEAK)
+    assert found.met
+    assert found.cost < cost
+    loop = Loop(read_process("P2"), found.controller, found.filter, found.weights)
+    assert step_response(loop, HORIZON).control_peak <= PEAK * (1.0 + 1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(
+    ("process", "horizon"),
+    [
+        ("1/(1.511855s^2.399764+2.175216s^0.6113918+1)*exp(-0.232285s)", 58.0),
+        ("1/((s^2+0.06891229s+1)(0.3708876s+1))*exp(-0.428147s)", 80.0),
+    ],
+)  # whose best structures lose a part, or all of them, on the way
+def test_a_search_goes_on_where_a_gain_reaches_zero(process: str, horizon: float) -> None:
+    bounds = {"mt_max": 1.6, "noise_max": 20.0, "u_max": math.inf, "two_degrees": False, "sample_time": 0.05}
+    found = design("fopid", process, horizon=horizon, **bounds)
+    assert found.met
+    assert found.cost < design("pi", process, horizon=horizon, **bounds).cost
 
 
 @pytest.mark.parametrize("name", [*list(STRUCTURES)[:-1], pytest.param("fopid", marks=pytest.mark.slow)])

@@ -29,19 +29,21 @@ def least_in_bands(values: Real, position: Real, bands: int) -> Real:
     >>> least_in_bands((x[None] - 0.1) ** 2, x, 1).round(12).tolist()
     [[0.0]]
     """
-    members = _members(values.shape[1], bands)
-    rows = np.arange(len(values))[:, None]
-    least = members[np.arange(bands), values[:, members].argmin(axis=2)]
-    at = np.clip(least, 1, values.shape[1] - 2)
-    before, here, after = values[rows, at - 1], values[rows, at], values[rows, at + 1]
-    left, right = position[at] - position[at - 1], position[at + 1] - position[at]
+    rows, count = values.shape
+    members = _members(count, bands)
+    in_bands = values.reshape(rows, bands, -1) if members.size == count else values[:, members]
+    least = members[np.arange(bands), in_bands.argmin(axis=2)]
+    at = np.minimum(np.maximum(least, 1), count - 2)
+    flat, begins = values.ravel(), count * np.arange(rows)[:, None]
+    before, here, after = (flat.take(begins + at + offset) for offset in (-1, 0, 1))
+    gaps = np.diff(position)
+    left, right = gaps[at - 1], gaps[at]
     with np.errstate(divide="ignore", invalid="ignore"):
         fall, rise = (before - here) / left, (after - here) / right
-        bend = (fall + rise) / (left + right)
-        slope = (rise * left - fall * right) / (left + right)
-        bottom = here - 0.25 * slope**2 / bend
+        slope = rise * left - fall * right
+        bottom = here - 0.25 * slope**2 / ((fall + rise) * (left + right))
     lowest = (at == least) & (fall >= 0.0) & (rise >= 0.0) & np.isfinite(bottom)
-    return np.asarray(np.where(lowest, bottom, values[rows, least]))
+    return np.asarray(np.where(lowest, bottom, flat.take(begins + least)))
 
 
 def around(peak: float, width: float) -> tuple[float, ...]:

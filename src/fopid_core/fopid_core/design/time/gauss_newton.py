@@ -65,7 +65,10 @@ class Descent:
 
 def begin(problem: TimeProblem, rows: Real) -> list[Descent]:
     """Descents before their first step, from rows (kp, ki, kd, lam, mu)."""
-    cost, slack = problem.cost_and_slack(rows)
+    return _descents(rows, *problem.cost_and_slack(rows))
+
+
+def _descents(rows: Real, cost: Real, slack: Real) -> list[Descent]:
     return [Descent(row, float(c), float(s.min())) for row, c, s in zip(rows, cost, slack, strict=True)]
 
 
@@ -109,10 +112,13 @@ def _step(problem: TimeProblem, descent: Descent, point: Linearised, winding: fl
     step = _solve(point, descent.floor, np.maximum(low - x, -reach), np.minimum(high - x, reach))
     rows = np.repeat(descent.gains[None], len(TRIALS), axis=0)
     rows[:, free] = np.clip(x + TRIALS[:, None] * step, low, high) * unit
-    for row, slack in zip(rows, problem.slack(rows), strict=True):
-        if slack.min() < 0.0:
-            row[free] = np.clip(row[free] / unit + _restoring(point, slack), low, high) * unit
-    tried = begin(problem, rows)
+    slack = problem.slack(rows)
+    broken = np.flatnonzero(slack.min(axis=1) < 0.0)
+    for row in broken:
+        rows[row, free] = np.clip(rows[row, free] / unit + _restoring(point, slack[row]), low, high) * unit
+    if len(broken):
+        slack[broken] = problem.slack(rows[broken])
+    tried = _descents(rows, problem.cost(rows), slack)
     best = int(np.argmin([trial.merit for trial in tried]))
     if not tried[best].merit < descent.merit or abs(problem.winding(rows[best]) - winding) > 1.0:
         return None

@@ -37,14 +37,14 @@ class LoopResponses:
     w : ndarray, shape (k,)
         Frequencies [rad/s].
     loop : ndarray, shape (n, k)
-        L(j w).
+        L(j w); only when the objective is no integral.
     """
 
     time: Real
     errors: Real
     controls: Real | None
     w: Real
-    loop: Complex
+    loop: Complex | None
 
     @property
     def signals(self) -> Real:
@@ -127,21 +127,21 @@ class Objective:
             total = total + np.abs(signals) @ absolute
         if square.any():
             total = total + signals**2 @ square
-        return np.asarray(total if self.is_integral else total + self._zamani(responses))
+        return total if responses.loop is None else total + self._zamani(responses, responses.loop)
 
     def _combined(self, powers: Mapping[str, Real]) -> Real:
         parts = [self.weights.get(name, 0.0) * power for name, power in powers.items()]
         return np.asarray(np.sum(parts, axis=0))
 
-    def _zamani(self, responses: LoopResponses) -> Real:
+    def _zamani(self, responses: LoopResponses, loop: Complex) -> Real:
         outputs = 1.0 - responses.errors
         parts = {
             "overshoot": np.maximum(outputs.max(axis=1) - 1.0, 0.0),
             "rise_time": _crossing(responses.time, outputs, 0.9) - _crossing(responses.time, outputs, 0.1),
             "settling_time": _settling(responses.time, responses.errors),
             "steady_state_error": np.abs(responses.errors[:, -1]),
-            "phase_margin": 1.0 / phase_margin(responses.loop),
-            "gain_margin": 1.0 / gain_margin(responses.loop),
+            "phase_margin": 1.0 / phase_margin(loop),
+            "gain_margin": 1.0 / gain_margin(loop),
         }
         return self._combined(parts)
 

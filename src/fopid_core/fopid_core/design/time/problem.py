@@ -39,8 +39,9 @@ FILTER_SCALE = 0.1
 """What a filter's time is measured in, in these units."""
 SAFE = 3e-5
 """Share of a bound that is kept clear of in a search, for what its grids do not show."""
-SAFE_CONTROL = 1e-3
-"""The same for the control signal, which the grid of instants shows less exactly."""
+SAFE_CONTROL, SAFE_AT_REST = 1e-3, 0.5
+"""The same for the control signal, which the grid of instants shows less exactly; and of what the bound leaves above
+the control that holds the setpoint, which every controller with integral action comes to."""
 NOISE_BANDS = 6
 NOISE_GRID = {False: (0.1, 60), True: (3e-3, 160)}
 """Lowest frequency, in units of the natural crossover, and points; an integral also counts a slow loop's resonance."""
@@ -77,6 +78,27 @@ class Linearised:
     square: Real
     slack: Real
     slack_slopes: Real
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Logarithms of sizes of n loops over both grids of frequencies, that of the loop and behind it that of the noise.
+
+    With L = P C F nothing is divided by the filter: S = (1 / F) / (1 / F + P C) and C F S = C / (1 / F + P C).
+
+    Attributes
+    ----------
+    difference : ndarray, shape (n, both)
+        Of 1 / F + P C.
+    controller : ndarray, shape (n, both)
+        Of C.
+    inverse_filter : ndarray, shape (n, frequencies) or (1,)
+        Of 1 / F, for the loop alone.
+    """
+
+    difference: Real
+    controller: Real
+    inverse_filter: Real
 
 
 class TimeProblem:
@@ -127,11 +149,16 @@ class TimeProblem:
         count *= 2 if bands > BANDS else 1
         grid = np.linspace(math.log(lowest * self.speed), nyquist, count)
         self._log_noise_w = np.union1d(grid, [z for z in watched if z < nyquist])
-        self._noise_p = process(1j * np.exp(self._log_noise_w))
+        self._both_log_w = np.concatenate([self._log_w, self._log_noise_w])
+        self._both_s = 1j * np.exp(self._both_log_w)
+        self._both_p = process(self._both_s)
+        self._log_p = log_size(self._p)
         size, time = abs(self.gain), 1.0 / self.speed
         scale = [1.0 / size, self.speed / size, time / size, 1.0, 1.0, FILTER_SCALE * time, 1.0, 1.0]
         self.scale = np.array(scale[: len(self.variables)])
         self.box = self._box()
+        room = 1.0 - self._grid.control_at_rest / specification.u_max
+        self._safe_control = min(SAFE_CONTROL, SAFE_AT_REST * room) if room > 0.0 else SAFE_CONTROL
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -213,13 +240,31 @@ class TimeProblem:
 
     def cost_and_slack(self, gains: Real) -> tuple[Real, Real]:
         """Cost (n,) and what is left to each bound (n, bounds), relative; negative where it is broken."""
-        responses = self._responses(gains)
-        cost = self.specification.objective.cost(responses, self._weights)
-        return cost, self._slack(gains, responses.loop)
+        return self.cost(gains), self.slack(gains)
+
+    def cost(self, gains: Real) -> Real:
+        """Cost alone, shape (n,)."""
+        return self.specification.objective.cost(self._responses(gains), self._weights)
 
     def slack(self, gains: Real) -> Real:
         """What is left to each bound, shape (n, bounds)."""
-        return self._slack(gains, self._loop(gains))
+        bounds, blocks = self.specification, []
+        sizes = self._sizes(gains)
+        if math.isfinite(bounds.ms_max):
+            blocks.append(math.log(bounds.ms_max) + self._sensitivity(sizes))
+        if math.isfinite(bounds.mt_max):
+            blocks.append(math.log(bounds.mt_max) + self._complementary(sizes))
+        if math.isfinite(bounds.u_max):
+            blocks.append(1.0 - np.abs(first_control(gains, bounds.sample_time))[:, None] / bounds.u_max)
+            if self.watch_control:
+                controls = -np.abs(self._controls(gains)[:, SMOOTHED:]) / bounds.u_max
+                later = least_in_bands(controls, self._grid.time[SMOOTHED:], BANDS)
+                blocks.append(1.0 - self._safe_control + later)
+        if math.isfinite(bounds.noise_max) or bounds.bounds_noise_rms:
+            blocks += self._noise_slack(self._noise(sizes))
+        if math.isfinite(bounds.rate_max):
+            blocks += self._rate_slack(gains)
+        return np.concatenate(blocks, axis=1) - SAFE if blocks else np.ones((len(gains), 1))
 
     def linearised(self, gains: Real) -> Linearised:
         """The problem around one controller, from one batch of responses."""
@@ -229,7 +274,7 @@ class TimeProblem:
         rows[1:, free] += np.diag(step * self.scale[free])
         responses = self._responses(rows)
         signals, (absolute, square) = responses.signals, self._weights
-        slack = self._slack(rows, responses.loop)
+        slack = self.slack(rows)
         return Linearised(
             cost=float(np.abs(signals[0]) @ absolute + signals[0] ** 2 @ square),
             signals=signals[0],
@@ -256,7 +301,7 @@ class TimeProblem:
     def later_control_breaks(self, gains: Real) -> bool:
         """Whether the control of one controller comes too near its bound after its first instants."""
         largest = np.abs(self._controls(gains[None])[0, SMOOTHED:]).max()
-        return bool(largest > self.specification.u_max * (1.0 - SAFE_CONTROL))
+        return bool(largest > self.specification.u_max * (1.0 - self._safe_control))
 
     def final_error(self, gains: Real) -> float:
         """The largest share of a step's error that is left at the horizon, of one controller."""
@@ -265,17 +310,16 @@ class TimeProblem:
 
     def ms(self, gains: Real) -> Real:
         """Largest |S|, shape (n,)."""
-        return np.asarray(
-            np.exp(-least_in_bands(log_size(1.0 + self._loop(gains)), self._log_w, self.bands).min(axis=1))
-        )
+        return np.asarray(np.exp(-self._sensitivity(self._sizes(gains)).min(axis=1)))
 
     def mt(self, gains: Real) -> Real:
         """Largest |T|, shape (n,)."""
-        return np.asarray(np.exp(-self._complementary(self._loop(gains)).min(axis=1)))
+        return np.asarray(np.exp(-self._complementary(self._sizes(gains)).min(axis=1)))
 
     def noise_gain(self, gains: Real) -> Real:
         """Largest |C F S| up to the Nyquist frequency, shape (n,)."""
-        return np.asarray(np.exp(-least_in_bands(self._noise(gains), self._log_noise_w, NOISE_BANDS).min(axis=1)))
+        noise = self._noise(self._sizes(gains))
+        return np.asarray(np.exp(-least_in_bands(noise, self._log_noise_w, NOISE_BANDS).min(axis=1)))
 
     def _loop(self, gains: Real) -> Complex:
         """L(j w), shape (n, frequencies)."""
@@ -284,13 +328,29 @@ class TimeProblem:
     def _variables(self, gains: Real) -> Variables:
         return Variables(gains, self.specification.filter_order)
 
-    def _complementary(self, loop: Complex) -> Real:
-        return least_in_bands(log_size(1.0 + loop) - log_size(loop), self._log_w, self.bands)
+    def _sizes(self, gains: Real) -> Sizes:
+        v = self._variables(gains)
+        controller = v.controller(self._both_log_w)
+        if not v.has_filter:
+            return Sizes(log_size(1.0 + self._both_p * controller), log_size(controller), np.zeros(1))
+        slow = v.inverse_filter(self._both_s)
+        return Sizes(
+            log_size(slow + self._both_p * controller), log_size(controller), log_size(slow[:, : len(self._w)])
+        )
 
-    def _noise(self, gains: Real) -> Real:
+    def _sensitivity(self, sizes: Sizes) -> Real:
+        """Negative logarithm of the largest |S| in each band, shape (n, bands)."""
+        return least_in_bands(sizes.difference[:, : len(self._w)] - sizes.inverse_filter, self._log_w, self.bands)
+
+    def _complementary(self, sizes: Sizes) -> Real:
+        """The same of |T|."""
+        here = slice(len(self._w))
+        inverse = sizes.difference[:, here] - sizes.controller[:, here] - self._log_p
+        return least_in_bands(inverse, self._log_w, self.bands)
+
+    def _noise(self, sizes: Sizes) -> Real:
         """Negative logarithm of |C F S|, shape (n, frequencies)."""
-        feedback = self._variables(gains).feedback(self._log_noise_w)
-        return log_size(1.0 + feedback * self._noise_p) - log_size(feedback)
+        return sizes.difference[:, len(self._w) :] - sizes.controller[:, len(self._w) :]
 
     def _noise_rms(self, noise: Real) -> Real:
         """Logarithm of the root mean square of the control that the noise makes, shape (n,)."""
@@ -316,7 +376,8 @@ class TimeProblem:
         self.evaluations += len(gains)
         controls = self._controls(gains) if self.specification.objective.needs_control else None
         errors = np.concatenate([*self._errors(gains)], axis=1)
-        return LoopResponses(self._grid.time, errors, controls, self._w, self._loop(gains))
+        loop = None if self.specification.objective.is_integral else self._loop(gains)
+        return LoopResponses(self._grid.time, errors, controls, self._w, loop)
 
     def _controls(self, gains: Real) -> Real:
         controls = self._grid.controls(gains)
@@ -324,40 +385,21 @@ class TimeProblem:
         controls[:, 0] = first_control(gains, self.specification.sample_time)
         return controls
 
-    def _slack(self, gains: Real, loop: Complex) -> Real:
-        bounds = self.specification
-        columns: list[Real] = []
-        if math.isfinite(bounds.ms_max):
-            least = least_in_bands(log_size(1.0 + loop), self._log_w, self.bands)
-            columns += list(math.log(bounds.ms_max) + least.T)
-        if math.isfinite(bounds.mt_max):
-            columns += list(math.log(bounds.mt_max) + self._complementary(loop).T)
-        if math.isfinite(bounds.u_max):
-            columns.append(1.0 - np.abs(first_control(gains, bounds.sample_time)) / bounds.u_max)
-            if self.watch_control:
-                controls = -np.abs(self._controls(gains)[:, SMOOTHED:]) / bounds.u_max
-                columns += list(1.0 - SAFE_CONTROL + least_in_bands(controls, self._grid.time[SMOOTHED:], BANDS).T)
-        if math.isfinite(bounds.noise_max) or bounds.bounds_noise_rms:
-            columns += self._noise_slack(gains)
-        if math.isfinite(bounds.rate_max):
-            columns += self._rate_slack(gains)
-        return np.stack(columns, axis=1) - SAFE if columns else np.ones((len(gains), 1))
-
-    def _noise_slack(self, gains: Real) -> list[Real]:
-        bounds, noise, columns = self.specification, self._noise(gains), []
+    def _noise_slack(self, noise: Real) -> list[Real]:
+        bounds, blocks = self.specification, []
         if math.isfinite(bounds.noise_max):
             least = least_in_bands(noise, self._log_noise_w, NOISE_BANDS)
-            columns += list(math.log(bounds.noise_max) + least.T)
+            blocks.append(math.log(bounds.noise_max) + least)
         if bounds.bounds_noise_rms:
-            columns.append(math.log(bounds.noise_rms_max) - SAFE_RMS - self._noise_rms(noise))
-        return columns
+            blocks.append(math.log(bounds.noise_rms_max) - SAFE_RMS - self._noise_rms(noise)[:, None])
+        return blocks
 
     def _rate_slack(self, gains: Real) -> list[Real]:
         bounds, time = self.specification, self._grid.time
         first = 1.0 - np.abs(first_control(gains, bounds.sample_time)) / (bounds.rate_max * bounds.sample_time)
         moves = np.diff(self._controls(gains)[:, SMOOTHED:], axis=1) / (time[1] * bounds.rate_max)
         later = 1.0 - SAFE_CONTROL + least_in_bands(-np.abs(moves), time[SMOOTHED + 1 :], BANDS)
-        return [first, *later.T]
+        return [first[:, None], later]
 
 
 def enough_points(turns: float) -> int:

@@ -45,20 +45,31 @@ class Variables:
 
     def feedback(self, log_w: Real) -> Complex:
         """C F at s = j w, shape (n, frequencies)."""
+        return self.filtered(self.controller(log_w), 1j * np.exp(log_w))
+
+    def controller(self, log_w: Real) -> Complex:
+        """C at s = j w, shape (n, frequencies)."""
         integral = self.ki * np.exp(-0.5j * math.pi * self.lam) * np.exp(-self.lam * log_w)
         derivative = self.kd * np.exp(0.5j * math.pi * self.mu) * np.exp(self.mu * log_w)
-        return self.filtered(self.kp + integral + derivative, 1j * np.exp(log_w))
+        return np.asarray(self.kp + integral + derivative)
 
     def filtered(self, controller: Complex, s: Complex) -> Complex:
         """C F from C at the same s."""
-        if self.is_plain or not self._filter_order:
-            return np.asarray(controller)
+        return np.asarray(controller / self.inverse_filter(s)) if self.has_filter else np.asarray(controller)
+
+    @property
+    def has_filter(self) -> bool:
+        """Whether the measurement is filtered."""
+        return not self.is_plain and self._filter_order > 0
+
+    def inverse_filter(self, s: Complex) -> Complex:
+        """1 / F, of a filter that there is, shape (n, points)."""
         delayed = self.filter_time * s
         *parts, last = filter_coefficients(self._filter_order, 1.0)
         slow = last * delayed  # by Horner's rule: powers of complex numbers take long
         for part in parts[:0:-1]:
             slow = (slow + part) * delayed
-        return np.asarray(controller / (slow + parts[0]))
+        return np.asarray(slow + parts[0])
 
 
 class ResponseGrid:
@@ -103,6 +114,11 @@ class ResponseGrid:
     def line(self) -> Complex:
         """Where transforms are taken, s = a + j w, shape (points + 1,)."""
         return self._s
+
+    @property
+    def control_at_rest(self) -> float:
+        """Size of the control that holds a unit setpoint."""
+        return abs(self._inverse_gain)
 
     def errors(self, gains: Real, parts: Parts | None = None) -> Real:
         """Setpoint minus output, shape (n, points + 1), for rows of variables; with ``parts`` known it is quicker."""
