@@ -58,6 +58,8 @@ def test_a_text_means_its_formula(text: str, value: complex) -> None:
         ("2^s", 2, "exponent contains s"),
         ("exp(s)/(s+1)", 0, "future"),
         ("exp(-s^2)", 0, "constant times s"),
+        ("exp(-s^0.5)", 0, "as of diffusion, is no ratio"),
+        ("1/(sqrt(s)+1)", 3, "a square root is a power here"),
         ("(s+1)^0.5/(s+1)", 0, "only s and numbers"),
         ("1e999/s", 0, "not finite"),
         ("exp(1000)/s", 0, "not finite"),

@@ -103,6 +103,8 @@ def _parser() -> Lark:
 def _explain(text: str, error: UnexpectedInput) -> ExpressionError:
     if isinstance(error, UnexpectedCharacters):
         position = int(error.pos_in_stream or 0)
+        if text[max(0, position - 1) :].startswith("sqrt"):
+            return ExpressionError(text, position - 1, "a square root is a power here; allowed: (...)^0.5, as s^0.5")
         return ExpressionError(text, position, f"{text[position]!r} has no meaning here; {_allowed(error.allowed)}")
     if isinstance(error, UnexpectedToken) and error.token.type != "$END":
         position = int(error.token.start_pos or 0)
@@ -244,6 +246,12 @@ class _Reader(Interpreter[Token, Quotient]):
     def _exponential_of(self, branch: Branch, exponent: Quotient) -> Quotient:
         scale = Quotient(_ONE, exponent.denominator).constant()
         terms = exponent.numerator.terms
+        if scale is not None and any(0.0 < t.order < 1.0 and not t.delay for t in terms):
+            told = (
+                "a power of s in an exponent, as of diffusion, is no ratio of sums of c s^a exp(-L s), of which alone "
+                "stability is decided here; allowed: exp(-L*s) with L >= 0, or a fit learnt from its response"
+            )
+            raise self._error(branch, told)
         if scale is None or any(t.delay or t.order not in (0.0, 1.0) for t in terms):
             raise self._error(branch, "the exponent must be a constant times s; allowed: exp(-L*s) with L >= 0")
         delay = -scale * sum(t.coefficient for t in terms if t.order == 1.0)

@@ -23,6 +23,7 @@ from fopid_ros.common.diagnostics import (
 )
 from fopid_ros.common.inputs import Input, is_number
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run
+from fopid_ros.common.message_types import MessageTypes
 from fopid_ros.common.signals import SignalType, header_stamp
 from fopid_ros.controller.cascade import CascadeLink, check_cascade
 from fopid_ros.controller.control_msgs_output import ControlMsgsOutput
@@ -40,7 +41,7 @@ from fopid_ros.controller.parameters import (
 )
 from fopid_ros.controller.retained import check_provenance
 from fopid_ros.controller.sample_intervals import SampleIntervals, check_variable_step
-from fopid_ros.controller.scheduling import Scheduling, check_scheduled_gains, listens
+from fopid_ros.controller.scheduling import Scheduling, check_scheduled_gains, listened_signals, listens
 from fopid_ros.controller.state_message import fill_signals
 from fopid_ros.controller.ticking import TickingNode
 
@@ -80,6 +81,7 @@ class ControllerNode(TickingNode):
         self._scheduling = Scheduling(values, self._controller, self._inputs)
         self._control = values["safe_control"]
         self._publisher_conflicts = PublisherConflicts(self, LOOP_SIGNALS)
+        self._message_types = MessageTypes(self, {name: types[name].message_type for name in listened_signals(values)})
         self._contested_topics: list[str] = []
         self._state = FopidState()
         self._update_cached_settings()
@@ -283,6 +285,7 @@ class ControllerNode(TickingNode):
         since, rates = self._statistics.window(time.monotonic_ns())
         found = self.guard.health_problems() + self._lacks()
         found += health_problems(since, ticking=self._active and not self._lockstep) + self._disputes()
+        found += [(DiagnosticStatus.WARN, text) for text in self._message_types.check()]
         state = self._controller.state.mode if self._active else "inactive"
         facts = {**rates, **self._diagnostic_values(), **self.guard.facts()}
         status = diagnostic_status(self.get_fully_qualified_name(), state, found, facts)

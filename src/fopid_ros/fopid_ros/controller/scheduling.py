@@ -32,6 +32,19 @@ def listens(values: Mapping[str, Any]) -> bool:
     return bool(values["schedule_file"]) and values["schedule_by"] == _TOPIC
 
 
+def listened_signals(values: Mapping[str, Any]) -> tuple[str, ...]:
+    """The topics that the node of one loop hears.
+
+    Examples
+    --------
+    >>> listened_signals({"tracking.enabled": True, "schedule_file": "", "schedule_by": "measurement"})[3:]
+    ('manual_control', 'tracking')
+    """
+    added = {"tracking": values["tracking.enabled"], "scheduling_variable": listens(values)}
+    always = ("setpoint", "measurement", "feedforward", "manual_control")
+    return (*always, *(name for name, heard in added.items() if heard))
+
+
 def check_scheduled_gains(before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
     """Raise InputError for gains that are set while a table says what they are."""
     for name in _GAINS if after["schedule_file"] else ():

@@ -10,6 +10,7 @@ import sys
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -23,6 +24,7 @@ from fopid_core.runtime.plant import PlantSettings
 from fopid_msgs.srv import Advance
 from fopid_ros.common.background import Later
 from fopid_ros.common.managed_node import TIMING, ManagedNode, loop_qos, run, take_pending_messages
+from fopid_ros.common.message_types import MessageTypes
 from fopid_ros.common.parameters import Spec
 from fopid_ros.common.pending_values import PendingValues
 from fopid_ros.common.signals import signal_specs, signal_type
@@ -92,6 +94,9 @@ class PlantSimulator(ManagedNode):
         types = {name: signal_type(values, name)
                  for name in ("control", "disturbance", "measurement")}  # fmt: skip
         self._control_type, self._disturbance_type = types["control"], types["disturbance"]
+        self._message_types = MessageTypes(
+            self, {name: types[name].message_type for name in ("control", "disturbance")}
+        )
         self._write = types["measurement"].writer()
         qos = loop_qos(lockstep=self._lockstep)
         self._publisher = self.create_publisher(types["measurement"].message_type, "measurement", qos)
@@ -116,7 +121,8 @@ class PlantSimulator(ManagedNode):
         self.open_diagnostics()
 
     def health(self) -> tuple[str, list[tuple[bytes, str]], dict[str, object]]:
-        return "simulating" if self.timer is not None else "inactive", [], {"refused values": self._refused}
+        unheard = [(DiagnosticStatus.WARN, text) for text in self._message_types.check()]
+        return "simulating" if self.timer is not None else "inactive", unheard, {"refused values": self._refused}
 
     def apply(self, values: dict[str, Any]) -> None:
         self._plant.gain_factor = values["gain_factor"]

@@ -18,6 +18,7 @@ from fopid_msgs.msg import FopidState
 from fopid_ros.common.diagnostics import PublisherConflicts, health_problems
 from fopid_ros.common.inputs import is_number
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, loop_qos
+from fopid_ros.common.message_types import MessageTypes
 from fopid_ros.controller.gain_memory import GainMemory
 from fopid_ros.controller.joints.inputs import JointInputs
 from fopid_ros.controller.joints.joint import Joint
@@ -83,6 +84,8 @@ class JointsNode(TickingNode):
         self.open_ticks(values)
         self._inputs = JointInputs(self, self._joints, types, self._statistics.counts, self._now)
         self._conflicts = PublisherConflicts(self, SIGNALS)
+        heard = [name for name in SIGNALS if name != "control" and (name != "tracking" or values["tracking.enabled"])]
+        self._message_types = MessageTypes(self, {name: types[name].message_type for name in heard})
         self._contested = False
         self._troubled: tuple[str, ...] = ()
         self._take_settings()
@@ -223,6 +226,7 @@ class JointsNode(TickingNode):
         found += health_problems(since, ticking=self._active and not self._lockstep)
         rivalries = self._conflicts.check()
         found += [(one.level, one.text) for one in rivalries]
+        found += [(DiagnosticStatus.WARN, text) for text in self._message_types.check()]
         mode = self._values["mode"]
         wanted = [one for one in rivalries if one.sure and one.topic != "control"
                   and (one.topic == "manual_control") == (mode == "manual")]  # fmt: skip
