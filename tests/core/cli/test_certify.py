@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import Result
 
@@ -103,3 +104,18 @@ def test_a_tuning_comes_with_its_certificate() -> None:
     result = invoke(["tune", "rule", "2/(3s+1)*exp(-0.5s)", "--rule", "simc-pi", "--certify", "--json"])
     found = json.loads(result.stdout)
     assert (result.exit_code, found["certificate"]["certified"]) == (0, True)
+
+
+def test_what_is_proved_of_a_filtered_measurement_is_what_a_dense_grid_shows() -> None:
+    s = 1j * np.logspace(-3, 3, 400_001)
+    filtered = (1.0 + 0.4 / s + 0.5 * s) / ((1.0 + 0.3 * s + 0.5 * (0.3 * s) ** 2) * (s + 1.0) ** 3)
+    ms = float(np.abs(1.0 / (1.0 + filtered)).max())
+    loop = ("P1", "--gains", "1,0.4,0.5,1,1", "--filter", "2,0.3", "--ms-max")
+    assert answer(*loop, f"{1.0001 * ms}")["certified"] is True
+    assert answer(*loop, f"{0.9999 * ms}", status=3)["certified"] is False
+
+
+def test_a_bound_on_noise_is_not_proved_of_a_filtered_measurement_and_that_is_said() -> None:
+    result = run("P1", *GAINS, "--filter", "2,0.3", "--noise-max", "9")
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert "noise-max" in result.stderr

@@ -149,7 +149,22 @@ def test_a_design_that_is_fine_without_ticks_and_not_with_them_is_not_handed_to_
     assert result.success
     assert result.achieved.ms < 1.1
     assert result.running.ms > 4.0
+    assert "as it runs, with ticks of 0.15 s, its Ms is" in result.message
     assert "as it runs" in rejection_reason(result, 0.15, ticks=0.0)
+
+
+def test_a_rule_that_makes_an_unstable_sampled_loop_is_no_success() -> None:
+    fast, slow = (
+        tune(TuningRequest(read_process("1/(s+1)^3"), method="rule", rule="simc-pi", sample_time=h))
+        for h in (0.01, 8.0)
+    )
+    assert (fast.success, fast.unmet) == (True, ())
+    gains = slow.controller  # the lags have all but ended after one tick of 8 s: P(z) is 1 / z
+    roots = np.abs(np.roots([1.0, gains.kp + 8.0 * gains.ki - 1.0, -gains.kp]))
+    assert np.count_nonzero(roots > 1.0) == 1
+    assert slow.running.stable is False
+    assert not slow.success
+    assert slow.unmet == ("stability as it runs, with ticks of 8 s: 1 unstable pole of the sampled loop",)
 
 
 def test_what_is_not_known_has_its_reason_and_no_number() -> None:

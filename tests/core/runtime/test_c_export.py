@@ -183,6 +183,19 @@ def test_the_verb_writes_both_files_and_one_json_object(tmp_path: Path) -> None:
     assert float(compile_and_run(tmp_path, Path(data["test"]).name).split()[-1]) < 1e-11
 
 
+def test_filter_and_weights_are_the_parameters_of_the_node(tmp_path: Path) -> None:
+    options = ["--filter", "2,0.1", "--setpoint-weights", "0.7,0"]
+    values = {"measurement_filter_order": 2, "measurement_filter_time": 0.1,
+              "setpoint_weight": 0.7, "derivative_setpoint_weight": 0.0}  # fmt: skip
+    parameters = [word for name, value in values.items() for word in ("--set", f"{name}={value}")]
+    texts = []
+    for more in (options, parameters, []):
+        result = export("--gains", "1,0.5,0.1,0.9,0.8", *more, "--out", str(tmp_path))
+        assert result.exit_code == 0, result.stderr
+        texts.append((tmp_path / "fopid_controller.h").read_text())
+    assert texts[0] == texts[1] != texts[2]
+
+
 def test_the_verb_reads_the_nodes_parameter_file(tmp_path: Path) -> None:
     file = tmp_path / "saved.yaml"
     file.write_text(

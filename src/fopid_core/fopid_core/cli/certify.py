@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, filter_option, read_filter
 from fopid_core.cli.output import emit
 from fopid_core.design.certificate import require_ball_arithmetic
 from fopid_core.errors import InputError
@@ -26,6 +26,7 @@ _OPEN_SHARE = 0.04
 @click.command("certify", context_settings=ARGUMENTS)
 @click.argument("process", required=False)
 @click.option("--gains", metavar="KP,KI,KD,LAM,MU", help="The controller's five numbers.")
+@filter_option
 @click.option("--ms-max", type=float, metavar="X", help="Prove max |S| <= X, too.")
 @click.option("--mt-max", type=float, metavar="X", help="Prove max |T| <= X, too.")
 @click.option("--noise-max", type=float, metavar="X", help="Prove |C S| <= X, too, up to the Nyquist frequency.")
@@ -74,6 +75,11 @@ def _certify(process: str, gains: str, out: Path | None, as_json: bool, options:
     if not 53 <= options["precision"] <= 4096:
         raise InputError(f"precision = {options['precision']}; allowed: 53 to 4096 bits")
     family = _family(process, options)
+    slow = read_filter(options["slow"])
+    if not slow.is_idle:
+        if options["noise_max"] is not None:
+            raise InputError(f"noise-max = {options['noise_max']:g}; allowed: none where the measurement is filtered")
+        family = family.behind(slow.denominator)
     effort = Effort(_MOST_PIECES if family.names else Effort.attempts, options["effort"], _OPEN_SHARE)
     found = certify(family, read_gains(gains), _bounds(options), effort, options["precision"])
     if out is not None and found.document is not None:

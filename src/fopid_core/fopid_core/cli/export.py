@@ -9,13 +9,15 @@ from typing import Any
 import click
 
 from fopid_core import safe_yaml
-from fopid_core.cli.options import ARGUMENTS, as_json
+from fopid_core.cli.options import ARGUMENTS, as_json, filter_option, read_filter, read_weights, weights_option
 from fopid_core.cli.output import emit
 from fopid_core.errors import InputError
 
 
 @click.command("export", context_settings=ARGUMENTS)
 @click.option("--gains", metavar="KP,KI,KD,LAM,MU", help="The controller's five numbers.")
+@filter_option
+@weights_option
 @click.option("--params", type=click.Path(path_type=Path), metavar="FILE",
               help="A parameter file of the controller node, as ~/save_gains writes it.")  # fmt: skip
 @click.option("--sample-time", type=float, metavar="S", help="Time between ticks [s]; 0.01.")
@@ -27,6 +29,8 @@ from fopid_core.errors import InputError
 @as_json
 def export_verb(
     gains: str | None,
+    slow: str | None,
+    setpoint_weights: str | None,
     params: Path | None,
     sample_time: float | None,
     limits: str | None,
@@ -41,6 +45,12 @@ def export_verb(
 
     parameters = _from_file(params) if params else {}
     parameters |= _typed(gains, limits, more)
+    if slow is not None:
+        measured = read_filter(slow)
+        parameters |= {"measurement_filter_order": measured.order, "measurement_filter_time": measured.time}
+    if setpoint_weights is not None:
+        weights = read_weights(setpoint_weights)
+        parameters |= {"setpoint_weight": weights.proportional, "derivative_setpoint_weight": weights.derivative}
     if not parameters.keys() & {"kp", "ki", "kd"}:
         raise InputError("gains missing; allowed: --gains KP,KI,KD,LAM,MU or --params FILE that holds kp, ki or kd")
     if parameters.get("schedule_file"):

@@ -13,6 +13,7 @@ from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
     from fopid_core.model.loop import Loop
+    from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -63,13 +64,15 @@ def design_options(*names: str) -> Decorator:
     return decorate
 
 
+filter_option = click.option(
+    "--filter", "slow", metavar="ORDER,TIME", help="Of the measurement, as 2,0.1; none when not given."
+)
+weights_option = click.option("--setpoint-weights", metavar="B,C", help="In the P and the D part; 1,1 when not given.")
+
+
 def loop_options(verb: Callable[..., Any]) -> Callable[..., Any]:
     """The options of a loop that is given whole: gains, filter of the measurement, weights of the setpoint."""
-    verb = click.option("--setpoint-weights", metavar="B,C", help="In the P and the D part; 1,1 when not given.")(verb)
-    verb = click.option(
-        "--filter", "slow", metavar="ORDER,TIME", help="Of the measurement, as 2,0.1; none when not given."
-    )(verb)
-    return gains_option(verb)
+    return gains_option(filter_option(weights_option(verb)))
 
 
 def read_loop(process: str, gains: str, slow: str | None = None, setpoint_weights: str | None = None) -> Loop:
@@ -77,13 +80,25 @@ def read_loop(process: str, gains: str, slow: str | None = None, setpoint_weight
     from fopid_core.model.fopid import read_gains
     from fopid_core.model.loop import Loop
     from fopid_core.model.process import read_process
-    from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 
-    order, time = _two("filter", slow or "0,0", "ORDER,TIME, for instance 2,0.1")
+    return Loop(read_process(process), read_gains(gains), read_filter(slow), read_weights(setpoint_weights))
+
+
+def read_filter(text: str | None) -> MeasurementFilter:
+    """The filter of the measurement from ``ORDER,TIME``; none when not given."""
+    from fopid_core.model.two_degrees import MeasurementFilter
+
+    order, time = _two("filter", text or "0,0", "ORDER,TIME, for instance 2,0.1")
     if order != int(order):
         raise InputError(f"filter order = {order:g}; allowed: 0, 1 or 2")
-    shares = _two("setpoint weights", setpoint_weights or "1,1", "B,C, each 0 to 1")
-    return Loop(read_process(process), read_gains(gains), MeasurementFilter(int(order), time), SetpointWeights(*shares))
+    return MeasurementFilter(int(order), time)
+
+
+def read_weights(text: str | None) -> SetpointWeights:
+    """The weights of the setpoint from ``B,C``; whole when not given."""
+    from fopid_core.model.two_degrees import SetpointWeights
+
+    return SetpointWeights(*_two("setpoint weights", text or "1,1", "B,C, each 0 to 1"))
 
 
 def _two(name: str, text: str, allowed: str) -> tuple[float, float]:

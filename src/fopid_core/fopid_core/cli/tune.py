@@ -166,13 +166,17 @@ def time_verb(
 @process_argument
 @click.option("--rule", metavar="NAME", help="valerio-1, fmigo, padula-visioli-..., simc-pi, amigo-pi, amigo-pid, ...")
 @click.option("--crossover", type=float, metavar="RAD_S", help="For dominant-poles: their natural frequency.")
+@design_options("sample_time")
 @result_options
-def rule_verb(process: str, rule: str | None, crossover: float | None, **shown: Any) -> None:
+def rule_verb(process: str, rule: str | None, crossover: float | None, sample_time: float, **shown: Any) -> None:
     """Read the numbers off a published rule."""
     from fopid_core.design.specification import TuningRequest
     from fopid_core.model.process import read_process
 
-    _tune(TuningRequest(read_process(process), method="rule", rule=rule, crossover=crossover), **shown)
+    request = TuningRequest(
+        read_process(process), method="rule", rule=rule, crossover=crossover, sample_time=sample_time
+    )
+    _tune(request, **shown)
 
 
 def _tune(request: TuningRequest, certified: bool, before: str | None, plot: Path | None, as_json: bool) -> None:

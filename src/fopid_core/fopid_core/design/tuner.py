@@ -25,6 +25,9 @@ from fopid_core.model.stability import stability
 
 __all__ = ["Achieved", "Bound", "TuningRequest", "TuningResult", "tune"]
 
+WORSE = 1.1
+"""A design whose Ms is so many times as large as it runs is told to be so."""
+
 
 def tune(request: TuningRequest, progress: Progress | None = None, clock: Clock = time.perf_counter) -> TuningResult:
     """Choose the five numbers and verify the loop.
@@ -40,7 +43,8 @@ def tune(request: TuningRequest, progress: Progress | None = None, clock: Clock 
     Returns
     -------
     TuningResult
-        ``success`` only when every specification is met and the loop with the process itself is stable for certain.
+        ``success`` only when every specification is met and the loop with the process itself is stable for certain,
+        and not known to be unstable as it runs, sampled and held.
 
     Raises
     ------
@@ -117,6 +121,12 @@ def _verified(request: TuningRequest, proposal: Proposal) -> TuningResult:
     unmet = (*proposal.unmet, *(str(check) for check in named))
     measured = achieved(loop, request.t_max, request.s_max, request.sample_time, request.noise_density or 0.0)
     as_it_runs = running(request.process, proposal.controller, request.sample_time, proposal.filter)
+    message, every = proposal.message, f"as it runs, with ticks of {request.sample_time:g} s"
+    if as_it_runs.stable is False:
+        unmet = (*unmet, f"stability {every}: {as_it_runs.reason}")
+    elif as_it_runs.ms > WORSE * measured.ms:
+        message = f"{message}; {every}, its Ms is {as_it_runs.ms:.4g}"
     return replace(
-        found, success=not unmet, controller=proposal.controller, achieved=measured, unmet=unmet, running=as_it_runs
-    )
+        found, success=not unmet, message=message, controller=proposal.controller, achieved=measured, unmet=unmet,
+        running=as_it_runs,
+    )  # fmt: skip
