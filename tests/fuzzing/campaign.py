@@ -24,7 +24,8 @@ MEMORY = 4 << 30
 """Address space of the process [bytes]."""
 LARGEST = 60_000
 """Size of a case [bytes]."""
-GENERATED = ("line",)
+GENERATED = ("line", "asked")
+ASKS = (*(8 * ("predict",)), *(4 * ("take",)), "process", "designs", "fronts")
 KEPT = Path("build/fuzz")
 
 
@@ -108,6 +109,10 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     if given.target in GENERATED:
         fuzzer = Fuzzer(given.seed)
+        if given.target == "asked":
+            tally = Tally(given.target, lambda case: targets.fault(targets.TARGETS["wishes"], case), given.cases)
+            while True:
+                tally.take(fuzzer.asked(ASKS))
         tally = Tally(given.target, lambda case: line_fault(case.decode().split("\0")), given.cases)
         while True:
             tally.take("\0".join(part.replace("\0", "") for part in fuzzer.line()).encode())

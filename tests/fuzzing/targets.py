@@ -21,7 +21,7 @@ from fopid_core.study.records import read_record
 from .texts import limited, text_fault
 
 SECONDS = 2.0
-"""Of processor time, for each case."""
+"""Of processor time, for each case of most readers."""
 CONFIG = Path(__file__).parents[2] / "config"
 
 
@@ -35,16 +35,19 @@ class Target:
         Takes the bytes; raises InputError for what it refuses, and AssertionError for a wrong answer.
     seeds : callable
         Cases to begin with.
+    seconds : float
+        Of processor time, for each case.
     """
 
     read: Callable[[bytes], object]
     seeds: Callable[[], Iterable[bytes]]
+    seconds: float = SECONDS
 
 
 def fault(target: Target, case: bytes) -> str:
     """What is wrong with how a case is answered; empty when nothing is."""
     try:
-        with limited(SECONDS):
+        with limited(target.seconds):
             target.read(case)
     except InputError as error:
         return "" if str(error) and "\n" not in str(error) else f"not one line: {error}"
@@ -143,6 +146,17 @@ def _request(case: bytes) -> None:
         messages.autotune_request(goal, defaults)
 
 
+def _explore(case: bytes) -> None:
+    """A request of the page without ROS: ``ask``, and the fields of what is asked."""
+    from fopid_core.study.explore.desk import AT_THE_HAND, LONG_WORK, SEARCHES
+
+    work = {**AT_THE_HAND, **SEARCHES, **LONG_WORK}
+    fields = dict(_object(case))
+    asked = fields.pop("ask", None)
+    if isinstance(asked, str) and asked in work:
+        json.dumps(work[asked](fields), allow_nan=False)
+
+
 def _http(case: bytes) -> None:
     from .web import answer
 
@@ -184,6 +198,28 @@ TARGETS = {
             b'{"method": "rule", "rule": "simc-pi", "t_max_db": -20.0, "t_max_frequency": 10.0, "s_max_db": -20.0}',
             b'{"excitation": "relay", "amplitude": 0.1, "deviation_max": 0.2, "duration": 9.0, "template_name": "all"}',
         ],
+    ),
+    "explore": Target(
+        _explore,
+        lambda: [
+            b'{"ask": "predict", "process": "1/(s+1)^3", "sets": [{"kp": 2, "ki": 0.5, "lam": 0.9}, {"kp": 9}]}',
+            b'{"ask": "predict", "process": "2/(s+1)*exp(-0.5s)", "horizon": 9.0, "quick": true, "sample_time": 0.1,'
+            b' "sets": [{"kp": 1.0, "ki": 1.0, "filter_order": 2, "filter_time": 0.1, "setpoint_weight": 0.5}]}',
+            *(
+                b'{"ask": "take", "process": "P1", "kind": "%s", "gains": {"kp": 2, "kd": 0.5, "mu": 1.2}}' % kind
+                for kind in (b"yaml", b"python", b"c")
+            ),
+            b'{"ask": "learn", "name": "a.csv", "columns": "PV,OP,SP", "content": "UFYsT1AsU1AKMCwwLDAKMSwxLDAK"}',
+        ],
+    ),
+    "wishes": Target(
+        _explore,
+        lambda: [
+            b'{"ask": "process", "process": "2/(s+1)*exp(-0.5s)", "sample_time": 0.01}',
+            b'{"ask": "designs", "process": "1/(s+1)^3", "ms_max": 1.4, "effort": 2.0}',
+            b'{"ask": "fronts", "process": "1/(s(s+1))", "effort": 5.0}',
+        ],
+        seconds=60.0,
     ),
     "http": Target(
         _http,

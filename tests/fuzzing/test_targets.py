@@ -7,8 +7,15 @@ import pytest
 
 from .campaign import changed
 from .targets import TARGETS, fault
+from .texts import Fuzzer
 
+SEARCHING = ("wishes",)
 ONCE_BROKEN = [
+    ("explore", b'{"ask": "predict", "process": "1/(s+1)^3", "sets": [{"kp": 1%s}]}' % (400 * b"0")),
+    (
+        "explore",
+        b'{"ask": "predict", "process": "1/(s+1)^3", "sets": [{"kp": 1, "filter_order": 2.0, "filter_time": 0.1}]}',
+    ),
     (
         "http",  # a browser that is gone at once: a traceback in the log
         b"GET /live HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
@@ -17,13 +24,19 @@ ONCE_BROKEN = [
 ]
 
 
-@pytest.mark.parametrize(("name", "case"), ONCE_BROKEN, ids=[name for name, _ in ONCE_BROKEN])
+@pytest.mark.parametrize(("name", "case"), ONCE_BROKEN, ids=[f"{name}-{i}" for i, (name, _) in enumerate(ONCE_BROKEN)])
 def test_a_case_that_once_was_answered_badly_is_answered_well(name: str, case: bytes) -> None:
     assert fault(TARGETS[name], case) == ""
 
 
-@pytest.mark.parametrize("name", TARGETS)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SEARCHING)) for n in TARGETS])
 def test_cases_near_the_good_ones_are_read_or_refused_in_one_line(name: str) -> None:
     random, seeds = np.random.default_rng(1), list(TARGETS[name].seeds())
     cases = seeds + [changed(random, seeds) for _ in range(60)]
     assert {case: found for case in cases if (found := fault(TARGETS[name], case))} == {}
+
+
+def test_requests_of_the_page_without_ros_are_answered_or_refused_in_one_line() -> None:
+    fuzzer, target = Fuzzer(1), TARGETS["explore"]
+    cases = [fuzzer.asked(("predict", "take")) for _ in range(60)]
+    assert {case: found for case in cases if (found := fault(target, case))} == {}

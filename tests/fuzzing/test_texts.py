@@ -26,11 +26,15 @@ ONCE_BROKEN = [
     ["tune", "time", "1/(100s+1)", "--u-max", "1e-308", "--horizon", ".7", "--timeout", "3", "--json"],
     ["evaluate", "s/((0.02s+1)(10s+1)(1s+1))", "--gains", "1,1e100,1e-3,0.5,0.9", "--json"],
     ["step", "s/((3s+1)(s^2+0.1s+1))", *GAINS, "--json"],
+    ["explore", "s" + 300 * "+0", "--port", "-1"],
+    ["certify", "s" + 300 * "+0", *GAINS, "--confidence", "0.9"],
+    ["report", "s" + 300 * "+0"],
+    ["repair", "s" + 300 * "+0"],
     ["step", "1.42/(0.484s+1)*exp(-0.403s)", "--gains", "0.691,0.437,0,1,1", "--horizon", "2.418"],
 ]
 
 
-@pytest.mark.parametrize("line", ONCE_BROKEN, ids=" ".join)
+@pytest.mark.parametrize("line", ONCE_BROKEN, ids=lambda line: " ".join(line)[:80])
 def test_a_line_that_once_ended_badly_is_answered(line: list[str]) -> None:
     assert line_fault(line) == ""
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 
@@ -25,6 +26,31 @@ NUMBERS = (
 )  # fmt: skip
 COMMON = 12  # of the numbers; the others are rare
 ALPHABET = "s()+-*/^e.0123456789 xp·,=jES\t\n#é\x00"
+
+
+GAIN_FIELDS = (
+    "kp", "ki", "kd", "lam", "mu", "filter_order", "filter_time", "setpoint_weight", "derivative_setpoint_weight",
+)  # fmt: skip
+BOUNDS = ("--ms-max", "--mt-max", "--noise-max", "--sample-time")
+VERBS: dict[str, tuple[int, tuple[str, ...], tuple[str, ...]]] = {
+    "evaluate": (8, ("--gains",), ("--horizon", "--method", "--step", "--filter", "--setpoint-weights")),
+    "step": (6, ("--gains",), ("--horizon", "--points", "--input", "--filter", "--setpoint-weights")),
+    "region": (2, (), ("--orders", "--kd", "--points")),
+    "reduce": (1, (), ("--template",)),
+    "tune rule": (1, (), ("--rule", "--crossover", "--sample-time")),
+    "tune frequency": (
+        1, (), ("--phase-margin", "--crossover", "--t-max", "--s-max", "--u-max", "--sample-time", "--criterion"),
+    ),
+    "tune time": (1, ("--timeout",), (*BOUNDS, "--u-max", "--horizon", "--index", "--fix", "--seed", "--structure")),
+    "certify": (3, ("--gains", "--effort"), (*BOUNDS, "--box", "--confidence", "--out")),
+    "compare": (1, (), (*BOUNDS, "--prefer", "--filter-order")),
+    "front": (1, ("--points",), (*BOUNDS, "--ms-min", "--horizon", "--structure", "--filter-order", "--take")),
+    "limit": (2, ("--cells",), (*BOUNDS, "--horizon", "--index", "--input")),
+    "explore": (2, ("--port",), ()),
+    "design": (1, ("--out",), ("--ms-max", "--sample-time", "--index")),
+}  # fmt: skip
+"""Of each: how often, the options it always has, and those it may have. ``explore`` never comes to serve."""
+WEIGHTS = np.array([weight for weight, *_ in VERBS.values()], dtype=float)
 
 
 class TooLongError(Exception):
@@ -120,46 +146,53 @@ class Fuzzer:
 
     def line(self) -> list[str]:
         """A command line."""
-        verb = self.one_of(
-            *(8 * ["evaluate"] + 6 * ["step"] + 2 * ["region"] + ["reduce", "rule", "frequency", "time"])
-        )
-        process = self.process()
-        options = {
-            "evaluate": ("--horizon", "--method", "--step"),
-            "step": ("--horizon", "--points", "--input"),
-            "region": ("--orders", "--kd", "--points"),
-            "reduce": ("--template",),
-            "rule": ("--rule", "--crossover"),
-            "frequency": (
-                "--phase-margin",
-                "--crossover",
-                "--t-max",
-                "--s-max",
-                "--u-max",
-                "--sample-time",
-                "--criterion",
-            ),
-            "time": ("--ms-max", "--u-max", "--noise-max", "--horizon", "--sample-time", "--index", "--fix", "--seed"),
-        }[verb]
-        line = ["tune", verb, process] if verb in ("rule", "frequency", "time") else [verb, process]
-        if verb in ("evaluate", "step"):
-            line += ["--gains", self.gains()]
+        verb = self._rng.choice(list(VERBS), p=WEIGHTS / WEIGHTS.sum())
+        _, needed, options = VERBS[verb]
+        line = [*verb.split(), self.process()]
+        for option in needed:
+            line += [option, self._option_value(option)]
         for option in options:
             if self.happens(0.2):
                 line += [option, self._option_value(option)]
-        if verb == "time" and self.happens(0.8):
-            line += ["--timeout", "3"]
-        return [*line, "--json"] if self.happens(0.7) else line
+        return [*line, "--json"] if verb != "explore" and self.happens(0.7) else line
+
+    def asked(self, asks: Sequence[str]) -> bytes:
+        """A request of the page without ROS, as JSON: one of ``asks``, most of it as it should be."""
+        gains = ", ".join(f'"{name}": {self._json()}' for name in GAIN_FIELDS if self.happens(0.4))
+        fields = {
+            "ask": f'"{self.one_of(*asks)}"', "process": json.dumps(self.process()), "sets": f"[{{{gains}}}]",
+            "gains": f"{{{gains}}}", "kind": self.one_of('"yaml"', '"python"', '"c"'),
+            "quick": self.one_of("true", "false"), "horizon": self._json(), "sample_time": self._json(),
+            "ms_max": self._json(), "effort": self._json(),
+        }  # fmt: skip
+        wanted = {"predict": ("sets", "quick"), "take": ("gains", "kind")}.get(
+            fields["ask"].strip('"'), ("ms_max", "effort")
+        )
+        kept = ["ask", "process", *wanted, *(name for name in ("horizon", "sample_time") if self.happens(0.2))]
+        return ("{" + ", ".join(f'"{name}": {fields[name]}' for name in kept) + "}").encode()
+
+    def _json(self) -> str:
+        """A value as JSON has it, mostly a number that can be used."""
+        odd = ("null", "true", "[]", "{}", '"x"', "NaN", "-Infinity", "1" + 400 * "0", "1e308", "2.0", "-1", "0")
+        return self.one_of(*odd) if self.happens(0.1) else self.one_of("0.1", "0.5", "1", "1.4", "2", "10")
 
     def _option_value(self, option: str) -> str:
+        if option == "--gains":
+            return self.gains()
         words = {
+            "--filter": ("1,0.1", "2,0.1", "0,0", f"2,{self.value()}", self.value()),
+            "--setpoint-weights": ("0,0", "0.7,0", f"{self.value()},1"), "--structure": ("pi", "pid", "fopid", "fopd"),
+            "--box": ("K=0.5,2", "L=0,0.1", f"K=1,{self.value()}"), "--confidence": ("0.9",), "--prefer": ("load",),
+            "--effort": ("0.5",), "--out": (os.devnull,), "--points": ("2", "5"), "--cells": ("8", "20"),
+            "--timeout": ("3",), "--port": ("-1", "65536", "x"),
             "--method": ("exact", "gl1"), "--input": ("setpoint", "load"), "--template": ("foptd", "soptd", "all"),
             "--rule": ("simc-pi", "amigo-pid", "fmigo", "dominant-poles"), "--criterion": ("peaks", "ms", "flatness"),
             "--index": ("itae", "iae", "ise", "sum", "energy"), "--fix": ("ki=0", "lam=1", f"mu={self.value()}"),
             "--t-max": (f"-{self.number()}@{self.number()}",), "--s-max": (f"-{self.number()}@{self.number()}",),
             "--orders": ("1,1", "0.8,1.2", f"{self.value()},1"), "--phase-margin": ("60", "45", "80"),
         }.get(option, ())  # fmt: skip
-        return self.one_of(*words) if words and not self.happens(0.1) else self.value()
+        sure = option in ("--out", "--effort", "--port") or (words and not self.happens(0.1))
+        return self.one_of(*words) if sure else self.value()
 
 
 @contextmanager

@@ -44,9 +44,10 @@ def _start(source: str) -> dict[str, Any]:
     from fopid_core.errors import InputError
     from fopid_core.model.process import read_process
 
-    if Path(source).suffix.lower() in (".csv", ".mcap", ".db3") and not Path(source).exists():
+    is_there = os.access(source, os.F_OK)  # Path.exists raises for a text that is too long for a name
+    if Path(source).suffix.lower() in (".csv", ".mcap", ".db3") and not is_there:
         raise InputError(f"record {source!r}: no such file; allowed: a process, or a csv file or bag that is there")
-    if Path(source).exists() and Path(source).suffix.lower() not in (".yaml", ".yml"):
+    if is_there and Path(source).suffix.lower() not in (".yaml", ".yml"):
         from fopid_core.study.explore.learning import learnt
         from fopid_core.study.records import read_record
 

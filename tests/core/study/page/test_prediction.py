@@ -103,7 +103,7 @@ def test_a_process_can_be_given_by_who_asks() -> None:
         ({"process": "1/(s+1)", "sets": []}, "sets"), ({"process": "1/(s+1)", "sets": [1]}, "set of gains"),
         ({"process": "1/(s+1)", "sets": [{"kp": math.inf}]}, "kp"), ({"process": "P1", "sets": [{"kp": "1"}]}, "kp"),
         ({"process": "1/(s+1)", "sets": [{"lam": 3}]}, "lam"), ({"process": "1/(s+1)", "sets": [{"x": 3}]}, "'x'"),
-        ({"process": "1/(s+1)", "sets": [{"filter_order": 7}]}, "filter order"), ({"sets": [{}]}, "process"),
+        ({"process": "1/(s+1)", "sets": [{"filter_order": 7}]}, "filter_order"), ({"sets": [{}]}, "process"),
         ({"process": "1/(s+1)", "sets": [{}], "horizon": -1}, "horizon"), ({"file": "/etc/passwd"}, "'file'"),
         ({"process": "/etc/hostname", "sets": [{}]}, "character 1"), ({"process": "1+" * 5000, "sets": [{}]}, "2000"),
         ({"process": "1/(s+1)", "sets": [{"kp": True}]}, "kp"), ({"process": "1/(s+1)", "sets": [{}] * 9}, "1 to 8"),

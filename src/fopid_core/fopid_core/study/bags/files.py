@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import sqlite3
@@ -93,7 +94,7 @@ def opened(path: Path) -> Iterator[BagFiles]:
     InputError
         If it is no bag, or damaged beyond a missing end.
     """
-    if not path.exists():
+    if not os.access(path, os.F_OK):  # Path.exists raises for what is too long for a name
         raise InputError(f"bag {str(path)!r} does not exist")
     with TemporaryDirectory() as folder, ExitStack() as stack:
         try:

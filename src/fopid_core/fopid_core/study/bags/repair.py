@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,7 @@ def repair(folder: Path) -> Content:
     Traceback (most recent call last):
     fopid_core.errors.InputError: bag 'no/such/bag' is no folder; allowed: a folder with .mcap or .db3 files
     """
-    if not folder.is_dir():
+    if not (os.access(folder, os.F_OK) and folder.is_dir()):
         raise InputError(f"bag {str(folder)!r} is no folder; allowed: a folder with .mcap or .db3 files")
     try:
         found = files_of(folder)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ LARGEST = 200_000_000
 
 def is_simulated(folder: Path) -> bool:
     """Whether a folder holds a simulated experiment."""
-    return (folder / TRACE).is_file() and (folder / EXPERIMENT).is_file()
+    return all(os.access(folder / name, os.R_OK) for name in (TRACE, EXPERIMENT))
 
 
 def write_simulated(found: Simulated, folder: Path) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,7 +16,7 @@ from fopid_core.model.arrays import Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process, read_process
 from fopid_core.model.response import HORIZON_RANGE
-from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
+from fopid_core.model.two_degrees import FILTER_ORDERS, NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
 
 MOST_SETS = 8
 LONGEST_PROCESS = 2000
@@ -129,15 +130,17 @@ def gain_set(fields: object) -> GainSet:
     kp, ki, kd, lam, mu = (
         number(name, fields.get(name, 1.0 if name in ("lam", "mu") else 0.0)) for name in GAINS
     )  # fmt: skip
-    order = fields.get("filter_order", 0)
-    slow = MeasurementFilter(order if order in (0, 1, 2) else -1, number("filter_time", fields.get("filter_time", 0.0)))
+    order = number("filter_order", fields.get("filter_order", 0))
+    if order not in FILTER_ORDERS:
+        raise InputError(f"filter_order = {order:g}; allowed: 0, 1 or 2")
+    slow = MeasurementFilter(int(order), number("filter_time", fields.get("filter_time", 0.0)))
     weights = [number(name, fields.get(name, 1.0)) for name in _MORE[2:]]
     return GainSet(Fopid(kp, ki, kd, lam, mu), slow, SetpointWeights(*weights))
 
 
 def number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
     """A finite number from JSON, within a range."""
-    good = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
+    good = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
     if not good or not low <= value <= high:  # type: ignore[operator]
         allowed = "a number" if math.isinf(low) else f"{low:g} to {high:g}"
         raise InputError(f"{name} = {str(value)[:40]}; allowed: {allowed}")
