@@ -15,10 +15,11 @@ from typing import Any
 import pytest
 import rclpy
 from domain_coordinator import domain_id
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
@@ -132,6 +133,20 @@ class Graph:
         self.node.create_subscription(kind, topic, messages.append, qos)
         return messages
 
+    def changes(self, controller: str) -> list[dict[str, Any]]:
+        """What is told of changes of its parameters from now on; nothing is missed, for one change has been heard."""
+        heard, told = [], []
+
+        def arrived(event: ParameterEvent) -> None:
+            if event.node == f"/{controller}":
+                changed = {one.name: parameter_value_to_python(one.value) for one in event.changed_parameters}
+                (heard if set(changed) == {"trial_timeout"} else told).append(changed)
+
+        self.node.create_subscription(ParameterEvent, "/parameter_events", arrived, DEEP)
+        (usual,) = self.get(controller, "trial_timeout")
+        self.until(lambda: self.set(controller, trial_timeout=usual) and heard, "a parameter event")
+        return told
+
     def listen_once(self, kind: type, topic: str) -> list[Any]:
         """The same, but of messages with one stamp the first: in lockstep what is late to be answered is sent again."""
         messages: list[Any] = []
@@ -171,8 +186,6 @@ class Graph:
         return self.result(self.parameters(node).set_parameters_atomically(changes)).result
 
     def get(self, node: str, *names: str) -> list[Any]:
-        from rclpy.parameter import parameter_value_to_python
-
         answer = self.result(self.parameters(node).get_parameters(list(names)))
         return [parameter_value_to_python(value) for value in answer.values]
 

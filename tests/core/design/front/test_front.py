@@ -33,6 +33,16 @@ def test_it_reaches_from_end_to_end_of_its_bounds(trade_off: Front) -> None:
     assert trade_off.noise_gain.min() < 1.01, "hardly more than an integral alone"
 
 
+def test_where_the_trade_off_is_a_curve_the_designs_lie_evenly_along_it() -> None:
+    """With two gains max |S| and noise go together: 36 of 40 designs once lay in the flattest tenth of it."""
+    found = front(read_process("2/((3s+1)(s+1)) * exp(-0.7s)"), "pi", points=40)
+    assert len(found) == 40
+    order = np.argsort(found.ms)
+    path = np.log(np.column_stack([found.ms - 1.0, found.noise_gain]))[order]
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    assert steps.max() < 4.0 * steps.mean()
+
+
 def test_its_figures_are_those_of_a_dense_grid_and_of_python_control(trade_off: Front) -> None:
     s = control.tf("s")
     w = np.geomspace(1e-4, math.pi / SAMPLE_TIME, 100_000)

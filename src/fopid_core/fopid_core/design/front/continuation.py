@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from fopid_core.design.time.gauss_newton import Descent, begin, descend, fresh
 from fopid_core.design.time.problem import TimeProblem
-from fopid_core.model.arrays import Floats
+from fopid_core.model.arrays import Floats, Indexes
 
 STEPS, TOLERANCE, PATIENT_STEPS = 5, 2e-4, 25
 """Of a descent from a neighbour; the latter where it ends with a bound broken."""
@@ -90,20 +91,27 @@ class Continuation:
         top_ms = np.minimum(reached, self.problem.specification.ms_max)
         natural = np.log([self._noise(place.descent) for place in along])
         natural_ms = np.log([place.ms_max - 1.0 for place in along])
-        columns = max(round(math.sqrt(points)), 2)
-        levels = np.linspace(noise[0], noise[-1], columns)
-        highest = np.interp(-levels, -noise, np.log(np.maximum(top_ms - 1.0, LEAST_ABOVE)))
-        # Below the Ms at which a loop makes less noise than is allowed, a column meets its neighbour.
-        lowest = [natural_ms[natural >= level - ACTIVE].min(initial=natural_ms.max()) for level in levels]
-        lowest = np.minimum(lowest, highest)
-        lengths = highest - lowest
-        share = lengths / max(lengths.sum(), 1e-12)
-        found: list[Place] = []
-        for level, high, low, part in zip(levels, highest, lowest, share, strict=True):
-            count = max(round(part * points), 1)
-            begun = min(down, key=lambda place: abs(math.log(place.noise_max) - level))
+
+        def ends(levels: Floats) -> tuple[Floats, Floats]:
+            highest = np.interp(-levels, -noise, np.log(np.maximum(top_ms - 1.0, LEAST_ABOVE)))
+            # Below the Ms at which a loop makes less noise than is allowed, a column meets its neighbour.
+            lowest = [natural_ms[natural >= level - ACTIVE].min(initial=natural_ms.max()) for level in levels]
+            return highest, np.minimum(lowest, highest)
+
+        def columns(count: int) -> tuple[Floats, Floats, Floats, Indexes]:
+            """So many columns, as far from each other as the designs in them."""
+            levels = np.linspace(noise[0], noise[-1], count)
+            highest, lowest = ends(levels)
+            return levels, highest, lowest, 1 + np.rint((highest - lowest) / (levels[0] - levels[1])).astype(np.intp)
+
+        enough = bisect_left(range(2, points), points, key=lambda count: columns(count)[-1].sum())
+        found, tops = [], list(down)
+        for level, high, low, count in zip(*columns(2 + enough), strict=True):
+            begun = min(tops, key=lambda place: abs(math.log(place.noise_max) - level))
             bounds = [(1.0 + math.exp(z), math.exp(level)) for z in np.linspace(high, low, count)]
-            found += self._walk(bounds, [begun.descent])
+            column = self._walk(bounds, [begun.descent])
+            found += column
+            tops += column[:1]
         return found
 
     def _walk(self, bounds: Sequence[tuple[float, float]], begun: list[Descent]) -> list[Place]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover
 from fopid_core.design.front.continuation import Continuation
@@ -26,13 +25,11 @@ from fopid_core.design.time.problem import TimeProblem, enough_points
 from fopid_core.design.time.proposal import time_specification
 from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.tuning import tune_time
-from fopid_core.model.arrays import Booleans, Floats
+from fopid_core.model.arrays import Booleans, Floats, Indexes
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
 from fopid_core.model.two_degrees import MeasurementFilter
-
-Integers = NDArray[np.intp]
 
 MS_RANGE = (1.2, 2.0)
 POINTS = 200
@@ -198,7 +195,7 @@ def front(
     )  # fmt: skip
 
 
-def _chosen(found: Measures, asked: TimeSpecification, points: int) -> Integers:
+def _chosen(found: Measures, asked: TimeSpecification, points: int) -> Indexes:
     """Which designs to keep: stable ones that no other beats in everything, so many of the least crowded."""
     values = np.log(np.column_stack([found.iae_load, found.ms, found.noise_gain]))
     peaks = ((found.ms, asked.ms_max), (found.mt, asked.mt_max), (found.noise_gain, asked.noise_max))
@@ -228,5 +225,5 @@ def beaten(values: Floats) -> Booleans:
     return np.asarray((no_worse & better).any(axis=0))
 
 
-def _of(found: Measures, which: Integers) -> Measures:
+def _of(found: Measures, which: Indexes) -> Measures:
     return replace(found, **{name: getattr(found, name)[which] for name in vars(found)})
