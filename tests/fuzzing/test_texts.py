@@ -40,6 +40,11 @@ def test_a_line_that_once_ended_badly_is_answered(line: list[str]) -> None:
 
 
 @pytest.mark.slow
+def test_a_phase_that_stays_where_it_is_is_as_flat_as_the_grid_is_wide() -> None:
+    assert line_fault(["tune", "frequency", "1/(s^10-1e15s)", "--u-max", "1", "--criterion", "flatness"]) == ""
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["frequency", "time"])
 def test_a_delay_of_thirty_years_is_tuned_in_bounded_time(method: str) -> None:
     assert line_fault(["tune", method, "1/(s+1)*exp(-1e9s)", "--json"]) == ""

@@ -66,7 +66,8 @@ def largest_move(states: list[FopidState]) -> float:
     return max(abs(after.control - before.control) for before, after in pairwise(states))
 
 
-@pytest.mark.parametrize("process", ["P1", pytest.param("P4", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("process", ["P1", "P4"])
 def test_when_the_plant_is_killed_the_control_stays_put_and_goes_on_when_it_is_back(graph: Graph, process: str) -> None:
     file = ["--params-file", str(CONFIG / f"{process}.yaml")]
     plant = graph.start("plant_simulator", {}, *file)

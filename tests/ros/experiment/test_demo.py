@@ -30,7 +30,8 @@ def environment(domain: int) -> dict[str, str]:
     return {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 
 
-@pytest.mark.parametrize("process", ["P1", pytest.param("9/((s+1)(s^2+2s+9)) * exp(-0.1s)", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("process", ["P1", "9/((s+1)(s^2+2s+9)) * exp(-0.1s)"])
 def test_demo_tunes_twice_records_and_reports(tmp_path: Path, process: str) -> None:
     out = tmp_path / "run"
     with own_domain() as domain:
@@ -123,6 +124,7 @@ def test_an_interrupt_leaves_no_process_and_a_bag_that_opens(tmp_path: Path, num
         read_bag(out / "bag", needed=())
 
 
+@pytest.mark.slow
 def test_a_killed_demo_leaves_no_process(tmp_path: Path) -> None:
     with own_domain() as domain:
         demo = subprocess.Popen([BIN / "fopid_demo", "--out", tmp_path / "run"], env=environment(domain),

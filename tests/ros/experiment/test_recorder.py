@@ -156,6 +156,7 @@ def publish(graph: Graph, recorder: Recorder, topic: str, *messages, qos: QoSPro
     graph.until(lambda: recorder.counts[graph.node.resolve_topic_name(topic)] == wanted, f"{wanted} on {topic}")
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_at_full_speed_from_another_process(start, graph: Graph, tmp_path: Path) -> None:
     count = 8000
     recorder = start(RECORD, tmp_path / "bag", 0)

@@ -97,7 +97,8 @@ def test_without_rosbags_ros2_bag_record_hears_every_sample(graph: Graph, tmp_pa
     assert min(heard[f"/a/{name}"] for name in ("measurement", "control", "fopid_controller/state")) >= 40
 
 
-@pytest.mark.parametrize("ros2", ["absent", pytest.param("fails", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("ros2", ["absent", "fails"])
 def test_without_any_recorder_the_run_goes_on_and_says_so(graph: Graph, tmp_path: Path, ros2: str) -> None:
     path = os.pathsep.join(str(folder) for folder in (tmp_path, BIN) if not (folder / "ros2").exists())
     if ros2 == "fails":

@@ -103,6 +103,7 @@ def loops(graph: Graph) -> Any:
         loop.plant.wait(10)
 
 
+@pytest.mark.slow
 def test_an_unknown_plant_is_learnt_tuned_and_handed_over(loops: Any) -> None:
     loop = loops("saturating", PI, steps=False)
     handle = loop.autotune(deviation_max=0.3, duration=8.0)
@@ -170,6 +171,7 @@ def test_moves_that_are_too_large_shrink_before_the_measurement_leaves_its_band(
     assert loop.added[-1].value == 0.0
 
 
+@pytest.mark.slow
 def test_a_tuner_that_is_stopped_takes_its_excitation_back(loops: Any) -> None:
     loop = loops("saturating", PI)
     loop.autotune(deviation_max=0.3, duration=30.0)

@@ -138,9 +138,9 @@ def accepted_but_false(which: int, count: int, seed: int) -> tuple[list[Any], in
 
 
 def test_a_few_changes_of_a_region_are_accepted_only_where_true() -> None:
-    wrong, accepted = accepted_but_false(1, 20, 0)
+    wrong, accepted = accepted_but_false(2, 40, 0)
     assert wrong == []
-    assert accepted < 20
+    assert 0 < accepted < 40
 
 
 @pytest.mark.slow

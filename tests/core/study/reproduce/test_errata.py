@@ -39,6 +39,7 @@ def test_names_are_unique() -> None:
     assert len({erratum.key for erratum in ERRATA}) == len(ERRATA)
 
 
+@pytest.mark.slow
 def test_the_page_in_the_docs_is_written_from_the_same_data() -> None:
     assert DOCS.read_text(encoding="utf-8") == errata_markdown(), "copy errata.md from the folder of `fopid reproduce`"
 

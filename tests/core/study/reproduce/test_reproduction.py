@@ -48,6 +48,7 @@ def test_all_is_written_and_the_json_holds_it_too(small: Reproduction, tmp_path:
         assert picture.size == (1380, 1800)
 
 
+@pytest.mark.slow
 def test_people_get_a_table_of_what_was_written(
     small: Reproduction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -314,7 +314,8 @@ def _reach(off: Real, decades: Real) -> Real:
     first = np.where(outside.any(axis=1), outside.argmax(axis=1), len(decades) - 1)
     rows = np.arange(len(off))
     before, after = off[rows, first - 1], off[rows, first]
-    share = np.clip(before / (before - after), 0.0, 1.0)
+    moved = before - after
+    share = np.clip(np.divide(before, moved, out=np.ones_like(before), where=moved != 0.0), 0.0, 1.0)
     return np.asarray(decades[first - 1] + share * (decades[first] - decades[first - 1]))
 
 
