@@ -11,6 +11,11 @@ from .texts import Fuzzer
 
 SEARCHING = ("wishes",)
 ONCE_BROKEN = [
+    (
+        "explore",
+        b'{"ask": "predict", "process": "1/(1e3s+1)",'
+        b' "sets": [{"kp": 0.5, "kd": 1, "lam": 0.5, "mu": 1.4, "filter_order": 2, "filter_time": 1.4}]}',
+    ),
     ("explore", b'{"ask": "predict", "process": "1/(s+1)^3", "sets": [{"kp": 1%s}]}' % (400 * b"0")),
     (
         "explore",

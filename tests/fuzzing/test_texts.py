@@ -27,6 +27,7 @@ ONCE_BROKEN = [
     ["evaluate", "s/((0.02s+1)(10s+1)(1s+1))", "--gains", "1,1e100,1e-3,0.5,0.9", "--json"],
     ["step", "s/((3s+1)(s^2+0.1s+1))", *GAINS, "--json"],
     ["explore", "s" + 300 * "+0", "--port", "-1"],
+    ["certify", "1/(s+1)", *GAINS, "--out", "/no/such/folder/proof.json"],
     ["certify", "s" + 300 * "+0", *GAINS, "--confidence", "0.9"],
     ["report", "s" + 300 * "+0"],
     ["repair", "s" + 300 * "+0"],

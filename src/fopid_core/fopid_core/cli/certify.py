@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, filter_option, read_filter
-from fopid_core.cli.output import emit
+from fopid_core.cli.output import emit, write_file
 from fopid_core.design.certificate import require_ball_arithmetic
 from fopid_core.errors import InputError
 
@@ -83,7 +83,7 @@ def _certify(process: str, gains: str, out: Path | None, as_json: bool, options:
     effort = Effort(_MOST_PIECES if family.names else Effort.attempts, options["effort"], _OPEN_SHARE)
     found = certify(family, read_gains(gains), _bounds(options), effort, options["precision"])
     if out is not None and found.document is not None:
-        out.write_text(found.document + "\n", encoding="utf-8")
+        write_file("out", out, found.document + "\n")
     rows = (
         certificate_rows(found)
         | (_shares(found, family.names) if family.names else {})

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, design_options
-from fopid_core.cli.output import emit, jsonable, text
+from fopid_core.cli.output import emit, jsonable, text, write_file
 from fopid_core.cli.progress import progress
 from fopid_core.errors import InputError
 
@@ -52,7 +52,7 @@ def compare_verb(
     if page is not None:
         from fopid_core.study.reports.comparison_page import comparison_page
 
-        page.write_text(comparison_page(request.process, found), encoding="utf-8")
+        write_file("page", page, comparison_page(request.process, found))
     data = comparison_rows(request.process, found) | {"page": str(page) if page else None}
     if as_json:
         emit(data, [], as_json)

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, design_options
-from fopid_core.cli.output import emit
+from fopid_core.cli.output import emit, write_file
 from fopid_core.errors import InputError
 
 
@@ -55,10 +55,7 @@ def design_verb(
     facts = {"process": str(process), **facts}
     designs = design_structures(process, index, ms_max, 0.01 if sample_time is None else sample_time)
     page = out or Path("design.html")
-    try:
-        page.write_text(report(process, designs, fit, facts), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"out {str(page)!r}: {error.strerror}") from None
+    write_file("out", page, report(process, designs, fit, facts))
     rows = [
         {
             "structure": one.structure,

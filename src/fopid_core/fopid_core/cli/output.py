@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
+from fopid_core.errors import InputError
 from fopid_core.study.json_values import jsonable
 
-__all__ = ["emit", "jsonable", "text"]
+__all__ = ["emit", "jsonable", "text", "write_file"]
 
 UNITS = {
     "rad/s": ("crossover", "phase_crossover", "ms_frequency", "mt_frequency", "crossovers", "phase_crossovers"),
@@ -71,3 +73,11 @@ def with_unit(name: str, value: Any) -> str:
     """
     shown = text(value)
     return f"{shown} {_UNIT[name]}" if name in _UNIT and shown != "-" else shown
+
+
+def write_file(option: str, path: Path, content: str) -> None:
+    """Write a file that an option named; what the disk refuses is an InputError."""
+    try:
+        path.write_text(content, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{option} {str(path)!r}: {error.strerror}") from None

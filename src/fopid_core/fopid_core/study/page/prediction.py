@@ -132,7 +132,9 @@ def picture_horizon(process: Process, first: GainSet) -> float:
     except InputError:
         return longest
     moving = np.abs(step.output - step.output[-1]) > 0.02 * np.abs(step.output).max()
-    return min(_round_up(_WITH_REST * float(step.time[moving].max(initial=process.delay))), longest)
+    settled = float(step.time[moving].max(initial=process.delay))
+    # What is over with its first instant, a peak of the derivative, says nothing of how long to look.
+    return min(_round_up(_WITH_REST * settled), longest) if settled > 0.0 else longest
 
 
 def _round_up(wished: float) -> float:
