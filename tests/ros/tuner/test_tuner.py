@@ -252,6 +252,7 @@ def test_while_busy_others_are_answered_and_a_second_tuning_is_refused(graph: Gr
     graph.until(autotune.server_is_ready, "the action")
     first = client.call_async(slow)
     goal = autotune.send_goal_async(Autotune.Goal())
+    plan = autotune.send_goal_async(Autotune.Goal(plan_only=True))
     second = client.call_async(slow)
     third = client.call_async(slow)
     assert graph.get("fopid_tuner", "controller") == ["fopid_controller"]
@@ -259,6 +260,7 @@ def test_while_busy_others_are_answered_and_a_second_tuning_is_refused(graph: Gr
     refused = [a for a in answers if "busy" in a.message]
     assert len(refused) == 2, [a.message for a in answers]
     assert not graph.result(goal).accepted
+    assert graph.result(plan).accepted  # it leaves the loop alone, and keeps nobody from working
     assert "goal rejected: busy" in graph.logs()
     for answer in refused:  # what is not known is no number
         known = [getattr(answer.gains, name) for name in GAINS] + [answer.achieved.ms, answer.achieved.phase_margin]

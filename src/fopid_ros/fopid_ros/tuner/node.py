@@ -81,7 +81,7 @@ class TunerNode(ManagedNode):
     def __init__(self) -> None:
         super().__init__()
         self._active = False
-        self._jobs, self._reductions = Jobs(), Jobs()
+        self._jobs, self._reductions, self._plans = Jobs(), Jobs(), Jobs()
         self._results = self.create_publisher(TuningResultMessage, "~/result", latched_qos(depth=100))
         self._controller = ControllerClient(self, self.get_parameter("controller").value, self.background)
         for kind, name, jobs, work in (
@@ -134,10 +134,11 @@ class TunerNode(ManagedNode):
             self._tap.end_injection_now()
 
     def cancel_work(self, why: str) -> bool:
-        return any([self._jobs.cancel(why), self._reductions.cancel(why)])
+        told = [jobs.cancel(why) for jobs in (self._jobs, self._reductions, self._plans)]
+        return any(told)
 
     def finish(self) -> None:
-        for jobs in (self._jobs, self._reductions):
+        for jobs in (self._jobs, self._reductions, self._plans):
             jobs.wait(FINISH_TIME)
 
     def health(self) -> tuple[str, list[tuple[bytes, str]], dict[str, object]]:
@@ -201,7 +202,8 @@ class TunerNode(ManagedNode):
             self.guard.note(job.name, error)
             internal_error(response)
         finally:
-            self._stage = "idle"
+            if jobs is self._jobs:
+                self._stage = "idle"
             jobs.end()
 
     def _tune(self, request: Tune.Request, response: Tune.Response, job: Job) -> None:
@@ -290,20 +292,23 @@ class TunerNode(ManagedNode):
 
     def _on_goal(self, goal: Autotune.Goal) -> GoalResponse:
         """A goal for which there is no room is rejected; one that is accepted has it."""
-        job = Job("autotune")
-        refused = self._refuse(job, self._jobs)
+        refused = self._refuse(Job("autotune"), self._room(goal))
         if refused:
             self.get_logger().warning(f"autotune: goal rejected: {refused}")
             return GoalResponse.REJECT
-        self._accepted = job
         return GoalResponse.ACCEPT
+
+    def _room(self, goal: Autotune.Goal) -> Jobs:
+        """A plan keeps nobody from working: it leaves the loop alone."""
+        return self._plans if goal.plan_only else self._jobs
 
     def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
         self.get_logger().info(f"autotune: asked to cancel while {self._stage}")
         return CancelResponse.ACCEPT
 
     def _on_autotune(self, goal: ServerGoalHandle, give: Callable[[Callable[[], Any]], None]) -> None:
-        result, began, job = nothing_known(Autotune.Result()), time.monotonic(), self._accepted
+        result, began, room = nothing_known(Autotune.Result()), time.monotonic(), self._room(goal.request)
+        job = room.current or Job("autotune")  # it has had the room since it was accepted
 
         def end() -> Autotune.Result:
             result.elapsed = time.monotonic() - began
@@ -321,7 +326,7 @@ class TunerNode(ManagedNode):
             give(end)
 
         job.give_up = give_up
-        self._work(job, self._jobs, lambda: self._autotune(goal, result, job), result)
+        self._work(job, room, lambda: self._autotune(goal, result, job), result)
         give(end)
 
     def _autotune(self, goal: ServerGoalHandle, result: Autotune.Result, job: Job) -> None:
