@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -79,6 +80,20 @@ def test_of_several_methods_the_best_is_taken(learnt: IdentificationResult) -> N
     before = loop_worth(Loop(learnt.best.process, WEAK), 0.05, 50.0)
     assert best.load < before.load
     assert best.setpoint < before.setpoint
+
+
+@pytest.mark.slow
+def test_a_proposal_by_one_method_has_every_structure_and_rule_beside_it(learnt: IdentificationResult) -> None:
+    told: list[str] = []
+    wanted = replace(request(learnt), method="time", structure="pi", phase_margin=None, crossover=None)
+    found = improve(learnt, wanted, LIMITS, RunningGains(WEAK), compare=False, every=True, tell=told.append)
+    assert found.success, found.message
+    names = [candidate.name for candidate in found.candidates if not candidate.refusal]
+    assert names[0] == "PI time"
+    assert found.candidates[0].tuned is found.tuned
+    assert {"PID time", "FOPID time", "amigo-pid", "amigo-pi", "simc-pi"} <= set(names)
+    assert names[1:] == sorted(names[1:], key={one.name: one.score for one in found.candidates}.__getitem__)
+    assert "FOPID time, on the learnt process" in told
 
 
 def test_a_learnt_delay_far_below_the_tick_does_not_set_the_time_of_a_design(learnt: IdentificationResult) -> None:

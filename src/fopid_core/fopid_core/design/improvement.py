@@ -136,6 +136,7 @@ def improve(
     refuse: Callable[[RobustTuning], str] = lambda _: "",
     clock: Clock = time.perf_counter,
     every: bool = False,
+    tell: Callable[[str], object] = lambda _: None,
 ) -> Improvement:
     """The best design on a learnt process, if it beats the gains that run.
 
@@ -154,30 +155,35 @@ def improve(
     clock : callable
         Gives the time [s].
     every : bool
-        Whether one of each structure and rule is made, also when a better one is known.
+        Whether one of each structure and rule is made, also when a better one is known; without ``compare`` what was
+        asked for stays the first of them.
+    tell : callable
+        Told what is being looked at, before each design.
     """
     if not identified.success or identified.best is None:
         return Improvement(False, identified.message, tune_robustly(identified, request, limits, clock))
     judge = _Judge(identified.best.process, request.sample_time, running, limits.ms_max)
-    trial = _Trial(identified, limits, refuse, clock, judge, [])
-    promising = _promising(identified, request, judge) if compare else []
-    for promised, wanted in promising[:MOST_VERIFIED]:
-        if judge.best is not None and judge.best[0] <= promised:
+    trial = _Trial(identified, limits, refuse, clock, judge, tell, [])
+    promising = _promising(identified, request, judge, tell) if compare or every else []
+    for one in promising[:MOST_VERIFIED] if compare else ():
+        if judge.best is not None and judge.best[0] <= one.score:
             break
-        trial.make(wanted)
+        trial.make(one.wanted, one.tuning)
     if judge.best is None:
         trial.make(request)
         if request.method == "frequency" and judge.crossover and judge.noise_excess > 1.0:
             for share in SLOWER:
                 trial.make(replace(request, crossover=share * judge.crossover))
+    asked = judge.best
     if every:
-        trial.make_others(wanted for _, wanted in promising)
-    candidates = _one_of_each(trial.made)
-    if judge.best is None:
+        trial.make_others(promising)
+    best = judge.best if compare or asked is None else asked
+    candidates = _one_of_each(trial.made, best[1] if best else None)
+    if best is None:
         first = trial.made[0]
         told = f"{first.refusal}; none of {len(trial.made)} designs is better than what runs"
         return Improvement(False, told, first.tuned, candidates)
-    _, tuned, wanted = judge.best
+    _, tuned, wanted = best
     return Improvement(True, f"{tuned.message}; {judge.told(tuned, wanted.rule or wanted.method)}", tuned, candidates)
 
 
@@ -190,11 +196,13 @@ class _Trial:
     refuse: Callable[[RobustTuning], str]
     clock: Clock
     judge: _Judge
+    tell: Callable[[str], object]
     made: list[Candidate]
 
-    def make(self, wanted: TuningRequest) -> None:
-        """Make a design; the judge keeps it if it is the best."""
-        tuned = _tuned(self.identified, wanted, self.limits, self.clock)
+    def make(self, wanted: TuningRequest, first: TuningResult | None = None) -> None:
+        """Make a design, from what the request first comes to where that is known; the judge keeps it if the best."""
+        self.tell(f"{_name(wanted)}, on all that the record leaves possible")
+        tuned = _tuned(self.identified, wanted, self.limits, self.clock, first)
         if tuned is None:
             return
         reason = "" if tuned.success else tuned.message
@@ -207,11 +215,20 @@ class _Trial:
         score = math.inf if reason or worth is None else self.judge.score(worth)
         self.made.append(Candidate(_name(wanted), tuned, worth, reason, score))
 
-    def make_others(self, requests: Iterable[TuningRequest]) -> None:
+    def make_others(self, promising: Iterable[_Promise]) -> None:
         """Make the first of each structure and rule that has not been made, for comparison."""
-        for wanted in requests:
-            if _name(wanted) not in {one.name for one in self.made}:
-                self.make(wanted)
+        for one in promising:
+            if _name(one.wanted) not in {made.name for made in self.made}:
+                self.make(one.wanted, one.tuning)
+
+
+@dataclass(frozen=True)
+class _Promise:
+    """A design on the learnt process itself, and its score there."""
+
+    score: float
+    wanted: TuningRequest
+    tuning: TuningResult
 
 
 def _name(wanted: TuningRequest) -> str:
@@ -219,21 +236,22 @@ def _name(wanted: TuningRequest) -> str:
     return wanted.rule or f"{(wanted.structure or 'fopid').upper()} {wanted.method}"
 
 
-def _one_of_each(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """The best of each method, the best of all first; the newest where none may be used."""
+def _one_of_each(found: Sequence[Candidate], chosen: RobustTuning | None) -> tuple[Candidate, ...]:
+    """The best of each method, the chosen one first, then the best; the newest where none may be used."""
     by_name: dict[str, Candidate] = {}
     for one in found:
         if one.name not in by_name or one.score <= by_name[one.name].score:
             by_name[one.name] = one
-    return tuple(sorted(by_name.values(), key=lambda one: (bool(one.refusal), one.score)))
+    return tuple(sorted(by_name.values(), key=lambda one: (bool(one.refusal), one.tuned is not chosen, one.score)))
 
 
 def _tuned(
-    identified: IdentificationResult, request: TuningRequest, limits: RobustLimits, clock: Clock
-) -> RobustTuning | None:
+    identified: IdentificationResult, request: TuningRequest, limits: RobustLimits, clock: Clock,
+    first: TuningResult | None,
+) -> RobustTuning | None:  # fmt: skip
     """A design, or None where the method is not for this process."""
     try:
-        return tune_robustly(identified, request, limits, clock)
+        return tune_robustly(identified, request, limits, clock, first)
     except InputError:
         if request.rule is None:
             raise
@@ -241,13 +259,14 @@ def _tuned(
 
 
 def _promising(
-    identified: IdentificationResult, request: TuningRequest, judge: _Judge
-) -> list[tuple[float, TuningRequest]]:
-    """What to verify, the best on the learnt process itself first, and the score that each has there."""
-    found: list[tuple[float, TuningRequest]] = []
+    identified: IdentificationResult, request: TuningRequest, judge: _Judge, tell: Callable[[str], object]
+) -> list[_Promise]:
+    """What to verify, the best on the learnt process itself first."""
+    found: list[_Promise] = []
 
     def looked_at(wanted: TuningRequest) -> float:
         """Note what a request promises; how far its control moves beyond what is allowed."""
+        tell(f"{_name(wanted)}, on the learnt process")
         try:
             tuning = tune(first_request(identified, wanted))
         except InputError:  # the method is not for this process
@@ -257,7 +276,7 @@ def _promising(
         new = judge.worth(_loop(judge.process, tuning))
         excess = new.noise_gain / judge.noise_gain_max
         if excess <= 1.0 and math.isfinite(new.load):
-            found.append((judge.score(new), wanted))
+            found.append(_Promise(judge.score(new), wanted, tuning))
         return excess
 
     usual = _in_time(request, judge, identified)
@@ -267,12 +286,12 @@ def _promising(
         if excess > 1.0 and in_time.noise_rms_max:  # by as much less as sampling and filters add to it
             looked_at(replace(in_time, noise_rms_max=CLEAR * in_time.noise_rms_max / excess))
     if found and usual.noise_rms_max is not None:
-        best = min(found, key=lambda one: one[0])[1]
+        best = min(found, key=lambda one: one.score).wanted
         for share in QUIETER:
             looked_at(replace(best, noise_rms_max=share * usual.noise_rms_max))
     for rule in RULES:
         looked_at(replace(request, method="rule", rule=rule))
-    return sorted(found, key=lambda one: one[0])
+    return sorted(found, key=lambda one: one.score)
 
 
 def _in_time(request: TuningRequest, judge: _Judge, identified: IdentificationResult) -> TuningRequest:

@@ -188,6 +188,7 @@ def tune_robustly(
     request: TuningRequest | None = None,
     limits: RobustLimits | None = None,
     clock: Clock = time.perf_counter,
+    first: TuningResult | None = None,
 ) -> RobustTuning:
     """A design on a learnt process that holds on all that the record leaves possible, or a refusal.
 
@@ -200,6 +201,8 @@ def tune_robustly(
     limits : RobustLimits, optional
     clock : callable
         Gives the time [s].
+    first : TuningResult, optional
+        What `first_request` comes to, where that is known.
     """
     begun = clock()
     if not identified.success or identified.best is None:
@@ -211,7 +214,7 @@ def tune_robustly(
     tuning, judged = None, None
     while waiting:
         careful = waiting.pop(0)
-        tuning = tune(careful)
+        tuning = first if first is not None and attempts == 0 else tune(careful)
         attempts += 1
         if attempts == 1:
             waiting = _detuned(careful, tuning, identified.best.crossover)

@@ -87,7 +87,8 @@ class Autotuner:
         methods = (
             "the method asked for, PI, PID and FOPID in time, and rules"
             if self._request.criteria.compare
-            else (f"method {self._request.criteria.tuning.method}")
+            else f"method {self._request.criteria.tuning.method}"
+            + (", and beside it PI, PID and FOPID in time, and rules" if self._request.propose_only else "")
         )
         lines = [
             rest, *experiment.plan, "identifying: models are fitted and judged on a part of the record held back",

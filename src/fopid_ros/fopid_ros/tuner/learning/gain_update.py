@@ -191,16 +191,20 @@ class GainUpdate:
         every : bool
             Whether one of each structure and rule is made, for a person to choose from.
         """
-        self._wait.report(
-            Stage("tuning", 0.65, fit_pct=found.best.fit_pct if found.best else 0.0, message=found.message)
-        )
+        fit_pct = found.best.fit_pct if found.best else 0.0
+
+        def tell(what: str) -> None:
+            self._wait.report(Stage("tuning", 0.65, fit_pct=fit_pct, message=what))
+
+        tell(found.message)
         wanted = replace(self._criteria.tuning, sample_time=self._controller.sample_time)
         movement = self._criteria.noise_share * self._controller.control_range
         now = self._controller
         running = RunningGains(now.gains, noise, movement, control_peak, now.filter, now.weights)
         improved = improve(
-            found, wanted, self._criteria.limits, running, self._criteria.compare, self._refused, every=every
-        )
+            found, wanted, self._criteria.limits, running, self._criteria.compare, self._refused, every=every,
+            tell=tell,
+        )  # fmt: skip
         self._wait.report(Stage("verifying", 0.7, message=improved.message))
         outcome = Outcome(improved.success, improved.message, model=found.best, models=found.models,
                           candidates=improved.candidates, tuned=improved.tuned)  # fmt: skip
