@@ -78,12 +78,13 @@ class Margins:
         return notebook.table("Margins", {"phase_margin_deg": self.phase_margin_deg, **asdict(self)})
 
 
-def margins(loop: Loop) -> Margins:
+def margins(loop: Loop, *, jitter: bool = True) -> Margins:
     """Margins of a loop.
 
     The gain and phase margins describe the curve whether or not the loop is stable; ask ``stability`` which. The delay
     and jitter margins of a loop that is not stable are 0. With a delay, phase crossovers are listed up to two turns of
-    it past the frequency above which abs(L) stays below 0.3.
+    it past the frequency above which abs(L) stays below 0.3. Without ``jitter`` that margin, a search
+    of its own, is NaN.
 
     Examples
     --------
@@ -104,10 +105,13 @@ def margins(loop: Loop) -> Margins:
     phase_crossovers = _phase_crossings(loop, z, response)
     gain_margin, phase_crossover = _gain_margin(loop, phase_crossovers)
     sensitivity, complementary = peaks.sensitivity(), peaks.complementary()
+    varying = math.nan
+    if jitter:
+        varying = 1.0 / peaks.weighted_complementary().value if stable else 0.0
     tolerant = stable and limits(loop.open_loop_numerator, loop.open_loop_denominator)[1] < 1.0
     return Margins(
         phase_margin, crossover, gain_margin, phase_crossover,
-        delay_margin if tolerant else 0.0, 1.0 / peaks.weighted_complementary().value if stable else 0.0,
+        delay_margin if tolerant else 0.0, varying,
         sensitivity.value, sensitivity.frequency, complementary.value, complementary.frequency,
         slope, tuple(crossovers.tolist()), tuple(phase_crossovers.tolist()),
     )  # fmt: skip

@@ -11,6 +11,7 @@ argument principle on quasi-polynomials and Hale and Verduyn Lunel (2002) for st
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +72,7 @@ class Zeros:
         return certain
 
 
+@lru_cache(64)
 def right_half_plane_zeros(function: QuasiPolynomial) -> Zeros:
     """The zeros of one quasi-polynomial to the right of the imaginary axis; a power of s is left out.
 

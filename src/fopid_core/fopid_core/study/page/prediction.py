@@ -142,7 +142,7 @@ def _round_up(wished: float) -> float:
     return float(next(n * decade for n in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if n * decade >= wished))
 
 
-@lru_cache(512)
+@lru_cache(64)
 def judged(picture: Picture, one: GainSet, quick: bool = False) -> dict[str, Any]:
     """All that is shown of one set.
 
@@ -229,7 +229,7 @@ _ENDLESS = {
 def _margins(loop: Loop, verdict: Stability) -> dict[str, dict[str, Any]]:
     if not verdict.stable:
         return {name: {"value": None, "reason": verdict.reason} for name in _ENDLESS}
-    found = margins(loop)
+    found = margins(loop, jitter=False)
     return {name: told(getattr(found, name), reason) for name, reason in _ENDLESS.items()}
 
 
