@@ -23,11 +23,22 @@ NEEDS_BROWSER = [
     pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None and "FOPID_NEED_BROWSER" not in os.environ, reason=WITHOUT_BROWSER),
 ]
-PATIENCE = 30.0
+PATIENCE = 60.0
 OPTIONS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-extensions",
     "--disable-background-networking", "--no-first-run", "--remote-debugging-port=0",
 )  # fmt: skip
+
+LOADED = "Page.loadEventFired"
+CLICKABLE = """(selector) => {
+  const element = document.querySelector(selector);
+  if (!element || element.disabled) return null;
+  element.scrollIntoView({ block: "center" });
+  const box = element.getBoundingClientRect(), x = box.x + box.width / 2, y = box.y + box.height / 2;
+  const hit = document.elementFromPoint(x, y);
+  return element === hit || element.contains(hit) ? [x, y] : null;
+}"""
+"""Where to click on an element; null while nobody could."""
 
 
 class Browser:
@@ -56,8 +67,7 @@ class Browser:
         page.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         page.call("Emulation.setEmulatedMedia", features=[scheme])
-        page.call("Page.navigate", url=address)
-        page.until("location.href !== 'about:blank' && document.readyState === 'complete'", f"the page at {address}")
+        page.go(address)
         return page
 
     def close(self) -> None:
@@ -99,21 +109,29 @@ class Page:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
+    def go(self, address: str) -> None:
+        """Load an address; while a page gives way to another there is nothing that a script could be run in."""
+        self.events = [event for event in self.events if event["method"] != LOADED]
+        self.call("Page.navigate", url=address)
+        while not any(event["method"] == LOADED for event in self.events):
+            self.events.append(json.loads(self._wait(self._socket.read_message)))
+
     def text(self, selector: str) -> str:
         return self.run(f"document.querySelector({json.dumps(selector)})?.innerText ?? ''")
 
     def click(self, selector: str) -> None:
-        """As a person does: only what is there, can be used and is not covered."""
-        box = self.run(f"""(() => {{
-            const element = document.querySelector({json.dumps(selector)});
-            element.scrollIntoView({{ block: "center" }});
-            const box = element.getBoundingClientRect(), x = box.x + box.width / 2, y = box.y + box.height / 2;
-            const hit = document.elementFromPoint(x, y);
-            return {{ x, y, free: !element.disabled && (element === hit || element.contains(hit)) }};
-        }})()""")
-        assert box["free"], f"{selector} cannot be clicked"
+        """As a person does: as soon as it is there, can be used, is not covered and stands still."""
+        places: list[list[float] | None] = []
+
+        def is_free() -> bool:
+            places.append(self.run(f"({CLICKABLE})({json.dumps(selector)})"))
+            return len(places) > 1 and places[-1] is not None and places[-1] == places[-2]
+
+        until(is_free, f"{selector} that can be clicked")
+        assert places[-1] is not None
+        x, y = places[-1]
         for kind in ("mousePressed", "mouseReleased"):
-            self.call("Input.dispatchMouseEvent", type=kind, x=box["x"], y=box["y"], button="left", clickCount=1)
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def write(self, selector: str, text: str) -> None:
         """Type into a field, in place of what it holds."""

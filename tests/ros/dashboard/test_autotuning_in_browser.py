@@ -25,7 +25,8 @@ pytestmark = NEEDS_BROWSER
 GAINS = ("kp", "ki", "kd", "lam", "mu")
 START = [2.0, 4.0, 0.0, 1.0, 1.0]
 PROCESS = "1/((0.6s+1)(0.1s+1))"
-ENDS = 120.0  # [s] an autotuning by one method takes some 12 s where nothing else runs
+ENDS = 240.0  # [s] an autotuning that proposes takes some 20 s where nothing else runs
+TRIES = 5  # a machine that is busy holds the simulated plant up: what is learnt of it, or watched, is then refused
 
 
 class TunedLoop:
@@ -70,6 +71,37 @@ def shown(place: str) -> str:
     return f"(document.querySelector('{place}')?.offsetParent ?? null) !== null"
 
 
+def outcome(page: Page) -> str:
+    page.until(f"{shown('#outcome')} && !{shown('#autotuning')}", "the outcome", ENDS)
+    return page.text("#outcome-title")
+
+
+def propose(loop: TunedLoop, page: Page) -> None:
+    """Begin, and again where what was learnt is refused, as a person would."""
+    for _ in range(TRIES):
+        page.click("#autotune-start")
+        page.until(shown("#autotuning"), "phases")
+        exciting = "document.querySelector('#phases [aria-current]')?.innerText === 'exciting'"
+        page.until(f"{exciting} || {shown('#outcome')}", "the experiment", ENDS)
+        if page.run(exciting):
+            assert page.run("document.querySelector('#kp').disabled && document.querySelector('#tune-start').disabled")
+            assert "under way" in loop.dashboard.ask("parameters", {"kp": 2.0})[1]
+        if "nothing is applied" in outcome(page):
+            return
+        print(page.text("#outcome-message"))
+        page.click("#reject")
+        page.until(f"!({shown('#outcome')})", "nothing")
+    raise AssertionError(f"no proposal in {TRIES} autotunings: {loop.graph.logs()}")
+
+
+def accept(page: Page) -> bool:
+    """Have the proposal applied and watched; whether it was kept."""
+    page.click("#accept")
+    page.until("!document.querySelector('#outcome-title').innerText.startsWith('Found')", "a trial")
+    return outcome(page).startswith("Applied, watched")
+
+
+@pytest.mark.timeout(1200)
 def test_a_proposal_is_planned_learnt_and_accepted_and_every_set_comes_back(loop: TunedLoop, browser: Browser) -> None:
     page = loop.open(browser)
     page.until("document.querySelectorAll('#plan-steps li').length >= 5", "what it will do")
@@ -79,19 +111,15 @@ def test_a_proposal_is_planned_learnt_and_accepted_and_every_set_comes_back(loop
     page.until("document.querySelector('#plan-steps').innerText.includes('method time')", "the plan of the method")
     page.write("#autotune-amplitude", "0.2")
     page.write("#autotune-deviation_max", "0.8")
-    page.click("#autotune-start")
-    page.until(shown("#autotuning"), "phases")
-    page.until("document.querySelector('#phases [aria-current]')?.innerText === 'exciting'", "the experiment", ENDS)
-    assert page.run("document.querySelector('#kp').disabled && document.querySelector('#tune-start').disabled")
-    assert "under way" in loop.dashboard.ask("parameters", {"kp": 2.0})[1]
-    page.until(shown("#outcome"), "the outcome", ENDS)
-    assert "nothing is applied" in page.text("#outcome-title"), page.text("#outcome")
+    propose(loop, page)
     assert "%" in page.text("#learnt-models td:nth-child(3)")
     assert page.run("document.querySelectorAll('#learnt-models tr').length") > 1
+    beside = page.text("#learnt-proposals")
+    assert all(name in beside for name in ("FOPID time", "PID time", "PI time", "amigo-pi")), beside
     assert loop.gains() == START
     assert loop.graph.get("fopid_tuner", "process") == [""]
-    page.click("#accept")
-    page.until("document.querySelector('#outcome-title').innerText.startsWith('Applied, watched')", "the verdict", ENDS)
+    while not accept(page):
+        propose(loop, page)
     gains = loop.gains()
     assert gains != START
     assert stability(Loop(read_process(PROCESS), Fopid(*gains))).stable
@@ -115,7 +143,7 @@ def test_one_from_a_terminal_is_followed_and_locks_and_can_be_cancelled(loop: Tu
     page.until(shown("#autotuning"), "phases")
     assert "elsewhere" in page.text("#autotuning-who")
     page.until("document.querySelector('#kp').disabled && document.querySelector('#tune-start').disabled", "locks")
-    page.call("Page.navigate", url=f"{loop.dashboard.read_only_address}?again")  # the token stays with the tab
+    page.go(f"{loop.dashboard.read_only_address}?again")  # the token stays with the tab
     page.until(shown("#autotuning"), "phases after a reload")
     page.until("!document.querySelector('#autotune-cancel').disabled", "the button")
     page.click("#autotune-cancel")
@@ -147,12 +175,12 @@ def test_all_parameters_of_three_nodes_are_described_set_refused_and_reset(loop:
     page = loop.open(browser)
     page.click("#tab-parameters")
     page.until("document.querySelectorAll('.parameter').length > 100", "all of them")
+    page.until("document.getElementById('controller.deadband') !== null", "the controller's")
     names = [node for node in ("Controller", "Tuner", "Plant") if node in page.text("#parameters")]
     assert names == ["Controller", "Tuner", "Plant"]
     described = page.run("[...document.querySelectorAll('.parameter p:first-child')].every((text) => text.innerText)")
     assert described
     page.write("[id='controller.deadband']", "0.25")
-    page.press("Enter")
     page.click("[aria-label='Set deadband']")
     page.until("document.querySelector('.parameter.changed label')?.innerText === 'deadband'", "the change")
     assert loop.graph.get("fopid_controller", "deadband") == [0.25]

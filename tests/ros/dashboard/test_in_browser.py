@@ -65,7 +65,7 @@ class Loop3:
     def restore(self) -> None:
         """The gains at the start."""
         first = {"kp": 0.68, "ki": 0.29, "kd": 0.0, "lam": 1.0, "mu": 1.0, "mode": "auto"}
-        assert self.dashboard.ask("parameters", first)[0] == 200
+        self.graph.until(lambda: self.dashboard.ask("parameters", first)[0] == 200, "the gains at the start")
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,9 @@ def page(loop: Loop3, browser: Browser) -> Iterator[Page]:
 
 def ready(page: Page) -> None:
     page.until("!document.querySelector('#kp').disabled && !document.querySelector('#tune-start').disabled", "a page")
-    page.until("document.querySelector('#kp-value').value === '0.68'", "the gains")
+    for name, value in (("kp", "0.68"), ("ki", "0.29"), ("lam", "1")):
+        page.until(f"document.querySelector('#{name}-value').value === '{value}'", "the gains")
+    page.until("document.querySelector('#prediction-of').textContent.startsWith('On the')", "the tuner's process")
 
 
 def ink(page: Page, plot: str, colour: tuple[int, int, int]) -> int:
@@ -138,7 +140,7 @@ def test_sliders_reach_the_controller_when_applied_and_not_before(page: Page, lo
     page.until("document.querySelector('#gains-answer').textContent.includes('lam = 2')", "the answer")
     assert loop.gains() == [moved, 0.29, 0.0, 2.0, 1.0]
     page.until(f"document.querySelector('#kp-note').textContent.includes('runs with {moved:g}')", "the new gain")
-    assert page.run("document.querySelector('#apply').disabled")
+    page.until("document.querySelector('#apply').disabled", "nothing more to apply")
 
 
 def test_sliders_stay_within_what_the_controller_allows(page: Page) -> None:
@@ -162,17 +164,24 @@ def test_a_set_that_is_rejected_is_shown_with_its_reason(page: Page, loop: Loop3
     page.click("#discard")
 
 
-def test_tuning_is_applied_shown_and_taken_back(page: Page, loop: Loop3) -> None:
+def tune(page: Page, title: str) -> None:
+    """Press the button, and wait for this title of the result, with what was answered where it does not come."""
     page.click("#tune-start")
-    page.until("document.querySelector('#result-title').innerText.includes('applied')", "the result")
-    page.until("document.querySelector('#tune-answer').textContent === 'Done'", "the answer")
+    answered = "document.querySelector('#tune-answer').textContent"
+    page.until(f"{answered} !== ''", "an answer", 120.0)
+    assert page.run(answered) == "Done"
+    page.until(f"document.querySelector('#result-title').innerText === '{title}'", "the result")
+
+
+def test_tuning_is_applied_shown_and_taken_back(page: Page, loop: Loop3) -> None:
+    tune(page, "Tuned by frequency, applied")
     gains = loop.gains()
     reached = margins(Loop(read_process("P1"), Fopid(*gains)))
     assert reached.phase_margin == pytest.approx(math.radians(80), abs=1e-6)
+    page.until(f"document.querySelector('#result-measures').innerText.includes('{gains[0]:.6g}')", "its measures")
     measures = page.text("#result-measures")
     assert "80.0°" in measures
     assert f"{reached.ms:.3f}" in measures
-    assert f"{gains[0]:.6g}" in measures
     page.until(f"document.querySelector('#kp-value').value === '{gains[0]:.6g}'", "the new gains on the sliders")
     page.click("#rollback")
     page.until("document.querySelector('#kp-value').value === '0.68'", "the gains from before")
@@ -185,8 +194,7 @@ def test_tuning_in_time_without_applying_leaves_the_gains_and_can_be_taken_over(
     assert page.run("document.querySelector('#tune-crossover').offsetParent === null")
     page.write("#tune-ms_max", "1.6")
     page.click("#tune-apply")
-    page.click("#tune-start")
-    page.until("document.querySelector('#result-title').innerText === 'Tuned by time, not applied'", "the result")
+    tune(page, "Tuned by time, not applied")
     assert loop.gains() == [0.68, 0.29, 0.0, 1.0, 1.0]
     page.until("!document.querySelector('#result-take').disabled", "the button")
     page.click("#result-take")

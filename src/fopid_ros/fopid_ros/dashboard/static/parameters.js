@@ -7,6 +7,7 @@ const TITLES = { controller: "Controller", tuner: "Tuner", plant: "Plant" };
 const AGAIN = 2000;  // [ms] between two looks while the tab is open
 
 const rows = new Map();  // "node name" -> its parts
+const drafts = new Map();  // what was typed and is not set yet: it outlives a node that does not answer for once
 let layout = "", timer = 0, may = false;
 
 function element(tag, className, textContent = "") {
@@ -46,7 +47,10 @@ async function set(node, parts, text) {
   const answer = await ask("parameter", { node, name: parts.told.name, value: wanted(parts.told, text) });
   parts.answer.textContent = answer.message;
   parts.answer.className = `answer ${answer.status === 200 ? "good" : "bad"}`;
-  if (answer.status === 200) parts.dirty = false;
+  if (answer.status === 200) {
+    parts.dirty = false;
+    drafts.delete(parts.field.id);
+  }
   await read();
 }
 
@@ -67,9 +71,12 @@ function makeRow(node, told) {
   about.append(element("p", "", told.description), element("small", "", range(told)));
   edit.append(field, apply, reset);
   row.append(label, edit, about, answer);
-  const parts = { row, field, apply, reset, answer, told, dirty: false };
+  const parts = { row, field, apply, reset, answer, told, dirty: drafts.has(id) };
+  if (parts.dirty) field.value = drafts.get(id);
   field.addEventListener("input", () => {
     parts.dirty = field.value !== typed(parts.told.value);
+    if (parts.dirty) drafts.set(id, field.value);
+    else drafts.delete(id);
     enableRow(parts);
   });
   row.addEventListener("submit", (event) => {

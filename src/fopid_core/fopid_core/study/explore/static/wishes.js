@@ -32,6 +32,7 @@ export function startWishes({ ask, take, front, state }) {
     wanted = true;
     if (busy) return;
     busy = true;
+    at("structures").setAttribute("aria-busy", "true");
     while (wanted) {
       wanted = false;
       const process = state.process;
@@ -48,6 +49,7 @@ export function startWishes({ ask, take, front, state }) {
       if (moved) takeChosen();
     }
     busy = false;
+    at("structures").setAttribute("aria-busy", "false");
     clearTimeout(resting);
     resting = setTimeout(drawFront, REST);
   }
