@@ -269,6 +269,15 @@ def test_samples_scatter_as_the_covariance_says() -> None:
     assert model.sample(3, seed=2) == model.sample(3, seed=2)
 
 
+def test_samples_of_a_lag_that_the_record_hardly_shows_stay_with_the_record() -> None:
+    control = np.where(np.arange(600) // 30 % 2 == 0, 1.0, 0.0) + np.where(np.arange(600) // 70 % 2 == 0, 1.0, 0.0)
+    record = open_loop("(1-0.6s)/((1.2s+1)*(0.3s+1))", control, 0.1, noise=0.03, seed=2)
+    model = best(identify(record, "rational:3/1"))  # the third lag is none
+    at = 1j * model.crossover
+    moved = [abs(process(at) / model.process(at) - 1.0) for process in model.sample(20)]
+    assert max(moved) < 5.0 * model.deviation < 0.25
+
+
 def test_a_structure_and_its_parameters_make_the_same_process() -> None:
     structure = structure_of("rational:3/1")
     process = structure.process(np.array([0.0, math.log(0.5), math.log(2.0), 0.4]), np.array([1.0, -0.3]))

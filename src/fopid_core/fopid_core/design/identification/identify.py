@@ -130,7 +130,7 @@ class IdentifiedModel:
         return self._fit.response.time, measured, measured - self._fit.residual
 
     def sample(self, count: int, seed: int = 0) -> tuple[Process, ...]:
-        """Processes that the record cannot tell from this one: drawn from the covariance, within the ranges."""
+        """Processes that the record cannot tell from this one: drawn from the covariance, and held to the record."""
         return sampled_processes(self._fit, self._covariance, count, seed)
 
 

@@ -79,15 +79,19 @@ def covariance(found: Fit) -> Floats:
     autocorrelation up to its first zero on both sides. Numbers at a bound of their range have no variance.
     """
     slopes = found.sensitivity[found.rows]
-    residual = found.residual[found.rows]
     free = _inside(found)
     sizes = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
     inverse = np.zeros((slopes.shape[1],) * 2)
     inverse[np.ix_(free, free)] = np.linalg.pinv((slopes / sizes)[:, free].T @ (slopes / sizes)[:, free], rcond=1e-13)
-    freedom = max(residual.size - int(free.sum()), 1)
-    variance = float(residual @ residual) / freedom * _correlation_time(residual)
-    scaled: Floats = variance * inverse / np.outer(sizes, sizes)
+    scaled: Floats = noise_power(found) * inverse / np.outer(sizes, sizes)
     return scaled
+
+
+def noise_power(found: Fit) -> float:
+    """Variance of the residual, times how many samples of it count as one."""
+    residual = found.residual[found.rows]
+    freedom = max(residual.size - int(_inside(found).sum()), 1)
+    return float(residual @ residual) / freedom * _correlation_time(residual)
 
 
 def _inside(found: Fit) -> Booleans:

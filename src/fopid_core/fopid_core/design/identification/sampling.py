@@ -1,21 +1,26 @@
-"""Processes that a record cannot tell from the one learnt: drawn from the covariance of the fit."""
+"""Processes that a record cannot tell from the one learnt: drawn from the covariance of the fit, held to the record."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import chdtri
 
-from fopid_core.design.identification.fit import Fit
+from fopid_core.design.identification.fit import Fit, at
+from fopid_core.design.identification.quality import noise_power
 from fopid_core.model.arrays import Floats
 from fopid_core.model.process import Process
 
-_STEP = 1e-6
+RARE = 0.01
+"""Of all records, the share that would speak as much against the truth as a draw may be spoken against."""
+_HALVINGS, _DEPENDENT = 12, 1e-13
 
 
 def sampled_processes(found: Fit, covariance: Floats, count: int, seed: int) -> tuple[Process, ...]:
-    """Draws from a normal distribution, each drawn back towards the estimate until it is within the ranges.
+    """Draws of the free numbers, each with gains as the record has them beside it, and their own scatter.
 
-    Drawn are the free numbers and the gains over the denominator's leading coefficient: of a process that integrates,
-    or nearly so, the steady-state gain is hardly known, but it and the time constant go together.
+    The covariance is that of small moves. Of a number that the record hardly shows, a slow pole's or a fast one's, it
+    makes moves far beyond, where the response is another: a draw that leaves a larger residual than chance would is
+    drawn back towards the estimate, by halves.
 
     Parameters
     ----------
@@ -24,41 +29,33 @@ def sampled_processes(found: Fit, covariance: Floats, count: int, seed: int) -> 
         Of its free numbers and linear ones.
     count, seed : int
     """
-    size = found.x.size + found.gains.size
-    lead = _log_lead(found, found.x)
-    change = np.eye(size)
-    change[found.x.size :, found.x.size :] *= np.exp(-lead)
-    change[found.x.size :, : found.x.size] = -np.outer(found.gains * np.exp(-lead), _lead_slopes(found))
-    values, vectors = np.linalg.eigh(change @ covariance[:size, :size] @ change.T)
-    normal = np.random.default_rng(seed).standard_normal((count, size))
-    moves = (normal * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    moves *= _share_inside(found, moves)[:, None]
-    numbers = np.clip(found.x + moves[:, : found.x.size], *_ranges(found))  # the clip takes rounding off
-    gains = found.gains * np.exp(-lead) + moves[:, found.x.size :]
-    return tuple(
-        found.structure.process(x, g * np.exp(_log_lead(found, x))) for x, g in zip(numbers, gains, strict=True)
-    )
+    size, linear = found.x.size, found.gains.size
+    values, vectors = np.linalg.eigh(covariance[:size, :size])
+    normal = np.random.default_rng(seed).standard_normal((count, size + linear))
+    moves = (normal[:, :size] * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    return tuple(_drawn(found, move, scatter) for move, scatter in zip(moves, normal[:, size:], strict=True))
 
 
-def _log_lead(found: Fit, x: Floats) -> float:
-    return found.structure.fast_end(x)[1]
+def _drawn(found: Fit, move: Floats, scatter: Floats) -> Process:
+    """The process that a move of the free numbers leads to, or the part of it that the record bears."""
+    low, high = found.structure.bounds(found.response.sample_time, float(found.response.time[-1]))
+    power, count = noise_power(found), int(found.rows.sum())
+    most = found.error**2 + power / count * chdtri(found.x.size, RARE)
+    for halvings in range(_HALVINGS):
+        near = at(found.response, np.clip(found.x + 0.5**halvings * move, low, high), found.rows)
+        if near.error**2 <= most:
+            break
+    else:
+        near = found
+    return found.structure.process(near.x, near.gains + _gain_spread(near, power) @ scatter)
 
 
-def _lead_slopes(found: Fit) -> Floats:
-    steps = _STEP * np.eye(found.x.size)
-    slopes = [(_log_lead(found, found.x + step) - _log_lead(found, found.x - step)) / (2.0 * _STEP) for step in steps]
-    return np.array(slopes)
-
-
-def _share_inside(found: Fit, moves: Floats) -> Floats:
-    """The share of each move that the ranges leave, shape (count,)."""
-    low, high = _ranges(found)
-    room = np.where(moves[:, : found.x.size] > 0.0, high - found.x, found.x - low)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shares = room / np.abs(moves[:, : found.x.size])
-    inside: Floats = np.minimum(np.nan_to_num(shares, nan=1.0).min(axis=1), 1.0)
-    return inside
-
-
-def _ranges(found: Fit) -> tuple[Floats, Floats]:
-    return found.structure.bounds(found.response.sample_time, float(found.response.time[-1]))
+def _gain_spread(found: Fit, power: float) -> Floats:
+    """A root of the covariance of the gains beside given free numbers, shape (k, k)."""
+    columns = found.response.columns(found.x)[found.rows]
+    sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    inverse = np.linalg.pinv((columns / sizes).T @ (columns / sizes), rcond=_DEPENDENT, hermitian=True)
+    linear = found.gains.size
+    values, vectors = np.linalg.eigh((power * inverse / np.outer(sizes, sizes))[:linear, :linear])
+    root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
