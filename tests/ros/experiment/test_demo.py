@@ -167,6 +167,7 @@ def test_an_experiment_without_a_controller_says_so(graph: Graph, tmp_path: Path
     assert f"domain {graph.domain}" in ended.stderr
 
 
+@pytest.mark.slow
 def test_a_domain_in_use_by_another_loop_is_said(graph: Graph, tmp_path: Path) -> None:
     for name in ("plant_simulator", "other_plant"):
         graph.start("plant_simulator", {"process": "P4", "trigger": "lockstep", "advance_until": 0.0},

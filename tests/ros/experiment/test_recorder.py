@@ -327,6 +327,7 @@ def test_closing_is_safe_twice_and_while_messages_arrive(graph: Graph, tmp_path:
     assert len(stored(tmp_path / "bag")) == recorder.counts["/a"] >= 50
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_the_recording_in_one_line_and_not_the_run(start, tmp_path: Path) -> None:
     recorder = start(RECORD, tmp_path / "bag", 100_000)
     assert recorder.hear() == "recording"

@@ -58,7 +58,8 @@ def state(graph: Graph) -> int:
     return int(graph.call(GetState, f"{TUNER}/get_state").current_state.id)
 
 
-@pytest.mark.parametrize("end", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_addend_dies_with_its_author_and_without_a_bump(loop: ForeignLoop, end: int) -> None:
     _, states = excited(loop)
     os.kill(loop.tuner.pid, end)

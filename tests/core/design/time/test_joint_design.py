@@ -196,6 +196,7 @@ def test_noise_of_a_density_and_the_rate_of_the_control_are_bounded() -> None:
     assert np.abs(np.diff(response.control)).max() / 0.05 <= 3.0 * 1.001
 
 
+@pytest.mark.slow
 def test_differential_evolution_by_name_arrives_at_the_same() -> None:
     asked = {"method": "time", "index": "iae", "input": "load", "structure": "pi", "ms_max": 1.4}
     both: list[TuningResult] = [
