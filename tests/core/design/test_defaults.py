@@ -52,3 +52,14 @@ def test_an_integrator_is_measured_where_its_gain_is_one() -> None:
 
 def test_a_process_that_settles_is_measured_by_its_steady_state_gain() -> None:
     assert process_gain(Process.parse("-2/(s+1)^4")) == -2.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["1/s^2*exp(-{0}s)", "1/(s^2({0}s+1))", "1/({0}^2*s^2-1)*exp(-{0}s)", "1/({0}^2*s^2-0.5*{0}*s+1)",
+     "1/(({0}s-1)({0}s-2))", "1/({0}s*({0}s-1))", "1/({0}s-1)*exp(-0.5*{0}s)"],
+)  # fmt: skip
+@pytest.mark.parametrize("scale", [1e-2, 1.0, 1e2])
+def test_a_process_that_takes_a_derivative_has_its_own_time_too(text: str, scale: float) -> None:
+    found = natural_crossover(Process.parse(text.format(repr(scale))), math.radians(60.0))
+    assert 0.3 < found * scale < 10.0

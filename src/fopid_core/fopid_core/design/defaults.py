@@ -23,6 +23,7 @@ U_MAX = 20.0
 _W = np.logspace(-7.0, 7.0, 1401)
 _LONG_DELAY = 1e4  # [s]: with a longer one lower frequencies matter
 _FLAT = math.radians(5.0)
+_TWELFTH = math.radians(30.0)
 
 
 def gain_sign(process: Process) -> float:
@@ -45,9 +46,11 @@ def natural_crossover(process: Process, phase_margin: float) -> float:
     """The frequency at which the process alone has the phase that the margin asks of the loop [rad/s].
 
     A process that never lags so far (a first-order lag) is taken where it has nine tenths of its own largest lag, and
-    one that begins with more lag (an unstable one) where it has less, by a factor of three if there is room. One with
-    the same phase everywhere is taken where its gain is 1 (an integrator) or has begun to fall (K / (s^2 - a)), one
-    that only leads where it leads most; one without dynamics has no time of its own, and 1 rad/s stands for it.
+    one that begins with more lag (an unstable one) where it has less, by a factor of three if there is room. One that
+    lags more everywhere needs a derivative: it is taken where it lags least, or, where that is at an end of the axis
+    (two integrators and a delay, an unstable oscillator), within a twelfth of a turn of that. One with the same phase
+    everywhere is taken where its gain is 1 (an integrator) or has begun to fall (K / (s^2 - a)), one that only leads
+    where it leads most; one without dynamics has no time of its own, and 1 rad/s stands for it.
 
     Examples
     --------
@@ -58,13 +61,25 @@ def natural_crossover(process: Process, phase_margin: float) -> float:
     wished = math.pi - phase_margin
     if np.ptp(lag) < _FLAT:
         return _by_gain(w, gain)
+    least = lag.min()
+    if least > wished:
+        return float(w[_where_a_derivative_works(lag)])
+    wished = max(wished, least + 0.1 * (lag[0] - least))
     if lag[0] > wished + 1e-6:
         less = w[lag < wished]
-        return float(min(3.0 * less[0], math.sqrt(less[0] * less[-1]))) if len(less) else float(w[np.argmin(lag)])
+        return float(min(3.0 * less[0], math.sqrt(less[0] * less[-1])))
     if lag.max() - lag[0] < _FLAT:
         return float(w[np.argmin(lag)])
     wished = min(wished, lag[0] + 0.9 * (lag.max() - lag[0]))
     return float(w[np.flatnonzero(lag >= wished)[0]])
+
+
+def _where_a_derivative_works(lag: NDArray[np.float64]) -> np.intp:
+    """Which of the frequencies is taken for a process that always lags too far."""
+    enough = lag.min() + _TWELFTH
+    if lag[0] < lag.min() + _FLAT:
+        return np.argmax(lag >= min(enough, lag.max()))
+    return np.argmax(lag <= enough) if lag[-1] < lag.min() + _FLAT else np.argmin(lag)
 
 
 def _by_gain(w: NDArray[np.float64], gain: NDArray[np.float64]) -> float:
@@ -98,6 +113,11 @@ def _lag_and_gain(process: Process) -> tuple[NDArray[np.float64], NDArray[np.flo
     seen = np.abs(value) > np.finfo(float).tiny
     value = value if seen.all() else value[: max(int(np.argmin(seen)), 1)]
     w = w[: len(value)]
-    lag = process.delay * w - np.unwrap(np.angle(value))
-    # The first phase is known up to a full turn only: a lag between 0 and a turn.
-    return w, lag + 2.0 * math.pi * np.ceil(-(lag[0] + 0.1) / (2.0 * math.pi)), np.abs(value)
+    lag = -np.unwrap(np.angle(value))
+    # Known up to full turns only: a lag between 0 and a turn, or the last of an unstable process that of its order.
+    if process_stability(process).unstable_poles:
+        order = process.denominator.degree - process.numerator.degree
+        turns = round((order * math.pi / 2.0 - lag[-1]) / (2.0 * math.pi))
+    else:
+        turns = math.ceil(-(lag[0] + 0.1) / (2.0 * math.pi))
+    return w, lag + 2.0 * math.pi * turns + process.delay * w, np.abs(value)

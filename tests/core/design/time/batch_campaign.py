@@ -85,7 +85,7 @@ def row(key: Key) -> dict[str, Any]:
 
 def evolved(asked: TuningRequest, generations: int = 400) -> float:
     """The best cost that differential evolution finds for the same box, bounds and cost, logarithmic in the gains."""
-    problem = TimeProblem(asked.process, time_specification(asked), density=60)
+    problem = TimeProblem(asked.process, time_specification(asked), density=60).changed(watch_control=True)
     low, high = problem.box.T
     least = 1e-4 * problem.scale[:3]
 

@@ -13,6 +13,7 @@ from fopid_core.design.time.problem import TimeProblem
 from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.starts import starts
 from fopid_core.design.time.tuning import TimeDesign, tune_time
+from fopid_core.design.tuner import TuningRequest, tune
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.indices import indices
 from fopid_core.model.loop import Loop
@@ -170,6 +171,24 @@ def test_other_kinds_of_process_are_tuned_and_never_to_an_unstable_loop(text: st
     assert found is not None
     assert stability(Loop(process, found.controller)).stable
     assert found.met
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1/s^2*exp(-0.1s)", "1/(s^2(0.1s+1))", "1/(s^2-1)*exp(-0.1s)", "1/(s^2-0.5s+1)", "1/(s^2-0.5s+1)*exp(-0.1s)",
+        "1/((s-1)(s-2))", "1/(s(s-1))*exp(-0.1s)", "1/(s^1.3-2s^0.4+1)",
+    ],
+)  # fmt: skip
+def test_processes_that_take_a_derivative_are_tuned_with_nothing_but_their_name(text: str) -> None:
+    """With the horizon and the bounds that are chosen for them; also as it runs, at 10 ms."""
+    result = tune(TuningRequest(Process.parse(text), method="time", ms_max=2.0))
+    assert result.success, result.unmet
+    assert result.controller is not None
+    assert stability(Loop(Process.parse(text), result.controller)).stable
+    assert result.running is not None
+    assert result.running.stable
 
 
 def test_bounds_that_cannot_be_met_leave_the_nearest_stable_design() -> None:

@@ -58,6 +58,9 @@ def starts(problem: TimeProblem, seed: int) -> Starts:
     owner = np.repeat(np.arange(len(shapes)), [len(rows) for rows in shapes])
     rows, origin = _on_the_bounds(problem, np.concatenate(shapes))
     stable = problem.stable(rows)
+    if not stable.any():
+        rows, origin = _stabilising(problem, np.concatenate(shapes))
+        stable = np.ones(len(rows), dtype=bool)
     rows, owner = rows[stable], owner[origin[stable]]
     return Starts(rows[owner == 0], [(name, other, rows[owner == i + 1]) for i, (name, other) in enumerate(simpler)])
 
@@ -112,11 +115,7 @@ def _on_the_bounds(problem: TimeProblem, shapes: Real) -> tuple[Real, NDArray[np
     Largest means up from small gains, which a stable process tolerates, and, where that is another one, of all: the
     bounds know nothing of stability, and a loop of far too much gain may keep them as well.
     """
-    tried = np.repeat(shapes[:, None], len(FACTORS), axis=1)
-    tried[:, :, :3] *= FACTORS[:, None]
-    tried = np.clip(tried, *problem.box.T)
-    rough = problem.changed(points=ROUGH_POINTS, density=ROUGH, watched=())
-    worst = rough.slack(tried.reshape(-1, shapes.shape[1])).min(axis=1).reshape(len(shapes), -1)
+    tried, worst = _scaled(problem, shapes)
     fits = worst >= 0.0
     largest = fits.shape[1] - 1 - fits[:, ::-1].argmax(axis=1)
     largest = np.where(fits.any(axis=1), largest, worst.argmax(axis=1))
@@ -125,3 +124,22 @@ def _on_the_bounds(problem: TimeProblem, shapes: Real) -> tuple[Real, NDArray[np
     other = np.flatnonzero((upwards >= 0) & (upwards != largest))
     rows = np.concatenate([tried[every, largest], tried[other, upwards[other]]])
     return rows, np.concatenate([every, other])
+
+
+def _stabilising(problem: TimeProblem, shapes: Real) -> tuple[Real, NDArray[np.intp]]:
+    """Of each shape the gain that stabilises and breaks the bounds least, where they leave too little for stability."""
+    tried, worst = _scaled(problem, shapes)
+    stable = problem.stable(tried.reshape(-1, shapes.shape[1])).reshape(worst.shape)
+    origin = np.flatnonzero(stable.any(axis=1))
+    best = np.where(stable, worst, -np.inf).argmax(axis=1)
+    return tried[origin, best[origin]], origin
+
+
+def _scaled(problem: TimeProblem, shapes: Real) -> tuple[Real, Real]:
+    """Each shape with all gains, (n, factors, variables), and what that leaves to the worst bound, (n, factors)."""
+    tried = np.repeat(shapes[:, None], len(FACTORS), axis=1)
+    tried[:, :, :3] *= FACTORS[:, None]
+    tried = np.clip(tried, *problem.box.T)
+    rough = problem.changed(points=ROUGH_POINTS, density=ROUGH, watched=())
+    worst = rough.slack(tried.reshape(-1, shapes.shape[1])).min(axis=1)
+    return tried, worst.reshape(tried.shape[:2])
