@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from fopid_ros.benchmarks.cpu import cpu_seconds
+
 from .chromium import CHROMIUM, Browser, Page
 
 PROCESSES = {"1/(s+1)^3": "without delay", "2/(s+1)*exp(-0.5s)": "with delay"}
@@ -45,18 +47,22 @@ EMPTY = """(async (moves) => {
 })"""
 
 
-def measured(browser: Browser, process: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times [ms] from hand to picture, and of the browser alone."""
+def measured(browser: Browser, process: str) -> tuple[np.ndarray, np.ndarray, float]:
+    """Times [ms] from hand to picture, and of the browser alone; the server's processor time for a move [ms]."""
     command = [Path(sys.executable).with_name("fopid"), "explore", process, "--port", "0", "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        assert server.stdout is not None
-        page: Page = browser.open(re.search(r"http://\S+", server.stdout.readline())[0])
-        page.until("document.querySelectorAll('#front circle').length >= 12", "the page at rest", 120.0)
-        times = page.run(f"{MOVE}({np.linspace(450, 700, MOVES).round().tolist()})")
-        alone = page.run(f"{EMPTY}({MOVES})")
-        page.close()
-        server.terminate()
-    return np.array(times[5:]), np.array(alone)
+        try:
+            assert server.stdout is not None
+            page: Page = browser.open(re.search(r"http://\S+", server.stdout.readline())[0])
+            page.until("document.querySelectorAll('#front circle').length >= 12", "the page at rest", 120.0)
+            before = cpu_seconds(server.pid)
+            times = page.run(f"{MOVE}({np.linspace(450, 700, MOVES).round().tolist()})")
+            used = cpu_seconds(server.pid) - before
+            alone = page.run(f"{EMPTY}({MOVES})")
+            page.close()
+        finally:
+            server.terminate()
+    return np.array(times[5:]), np.array(alone), 1e3 * used / MOVES
 
 
 def figures() -> list[dict[str, str]]:
@@ -68,11 +74,11 @@ def figures() -> list[dict[str, str]]:
         browser = Browser(Path(folder, "profile"))
         try:
             for process, how in PROCESSES.items():
-                times, alone = measured(browser, process)
+                times, alone, server = measured(browser, process)
                 half, most, frame = np.median(times), np.quantile(times, 0.9), np.median(alone)
                 rows.append({
                     "figure": f"from a slider's move to the picture, in Chromium, {how}: half below / 90 % below",
-                    "value": f"{half:.0f} ms / {most:.0f} ms",
+                    "value": f"{half:.0f} ms / {most:.0f} ms; {server:.0f} ms of the server's processor",
                     "baseline": f"a frame of the browser alone: {frame:.0f} ms",
                     "ratio": f"{half / frame:.2g}",
                 })  # fmt: skip
