@@ -69,7 +69,11 @@ class Running:
 
 
 def running(
-    process: Process, controller: Fopid, sample_time: float, measurement_filter: MeasurementFilter = NO_FILTER
+    process: Process,
+    controller: Fopid,
+    sample_time: float,
+    measurement_filter: MeasurementFilter = NO_FILTER,
+    with_margins: bool = True,
 ) -> Running:
     """Stability, max abs(S) and margins of the loop as it runs.
 
@@ -80,6 +84,8 @@ def running(
     sample_time : float
         Tick of the controller [s].
     measurement_filter : MeasurementFilter
+    with_margins : bool
+        Whether phase and gain margin are worked out, too; NaN where they are not.
 
     Examples
     --------
@@ -91,7 +97,7 @@ def running(
     """
     if process.relative_degree <= 0.0:
         return Running(None, reason="not known: the process answers the control at once")
-    return _SampledLoop(process, controller, sample_time, measurement_filter).judge()
+    return _SampledLoop(process, controller, sample_time, measurement_filter).judge(with_margins)
 
 
 class _SampledLoop:
@@ -128,8 +134,14 @@ class _SampledLoop:
         fine = np.log(np.linspace(0.0, math.pi, int(4.0 * min(turns, 500.0)) + 2)[1:])
         return np.union1d(even, np.concatenate([own[(own > first) & (own < last)], fine[fine > first]]))
 
-    def judge(self) -> Running:
-        x, distance = refine(lambda x: 1.0 + self(x), self._grid)
+    def judge(self, with_margins: bool) -> Running:
+        seen: list[tuple[Floats, Complexes]] = []
+
+        def from_minus_one(x: Floats) -> Complexes:
+            seen.append((x, self(x)))
+            return 1.0 + seen[-1][1]
+
+        x, distance = refine(from_minus_one, self._grid)
         if not np.isfinite(distance).all():
             return Running(None, reason="not known: a value that is no number")
         unstable = self._unstable_poles(x, distance)
@@ -139,7 +151,11 @@ class _SampledLoop:
         if unstable:
             poles = f"{unstable} unstable pole{'s' if unstable > 1 else ''} of the sampled loop"
             return Running(False, reason=poles)
-        x, response = refine(self, x)
+        if not with_margins:
+            return Running(True, self._ms(x, distance))
+        known, values = (np.concatenate(parts) for parts in zip(*seen, strict=True))
+        ascending = np.argsort(known)
+        x, response = refine(self, known[ascending], values[ascending])
         phase_margin, crossover = self._phase_margin(x, response)
         return Running(True, self._ms(x, 1.0 + response), phase_margin, crossover, self._gain_margin(x, response))
 

@@ -14,7 +14,9 @@ _MOST_POINTS = 30_000  # more are asked for only by a curve that is nothing but 
 _ROOT = 1e-14  # of a bracket, where a root is found
 
 
-def refine(curve: Callable[[Floats], Complexes], z: Floats) -> tuple[Floats, Complexes]:
+def refine(
+    curve: Callable[[Floats], Complexes], z: Floats, values: Complexes | None = None
+) -> tuple[Floats, Complexes]:
     """Put points in until phase and gain change little from each to the next.
 
     Parameters
@@ -23,6 +25,8 @@ def refine(curve: Callable[[Floats], Complexes], z: Floats) -> tuple[Floats, Com
         From ln w, shape (m,), to values, shape (m,).
     z : ndarray, shape (n,)
         The first grid, ascending; close enough that a delay does not turn by more than half a turn between its points.
+    values : ndarray, shape (n,), optional
+        The curve there, where it is known.
 
     Returns
     -------
@@ -36,7 +40,8 @@ def refine(curve: Callable[[Floats], Complexes], z: Floats) -> tuple[Floats, Com
     >>> bool(np.max(np.abs(np.angle(values[1:] / values[:-1]))) < 0.5)
     True
     """
-    values, most = curve(z), max(_MOST_POINTS, 2 * z.size)
+    values = curve(z) if values is None else values
+    most = max(_MOST_POINTS, 2 * z.size)
     for _ in range(_MOST_HALVINGS):
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # of values that are next to nothing
             wide = np.flatnonzero(np.abs(np.log(values[1:] / values[:-1])) > _LARGEST_CHANGE)

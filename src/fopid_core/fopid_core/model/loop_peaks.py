@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,8 @@ _LOG_STEP = 0.04  # 58 points a decade, more where a zero of 1 + L, or a pole or
 class LoopPeaks:
     """What a loop does at the frequencies where it does most.
 
-    A peak is NaN where it is not known: when the loop is too close to the border of stability to call.
+    A peak is NaN where it is not known: when the loop is too close to the border of stability to call. One that was
+    sought once is not sought again.
 
     Examples
     --------
@@ -35,24 +36,30 @@ class LoopPeaks:
     """
 
     loop: Loop
+    _found: dict[tuple[str, Band], Peak] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def sensitivity(self, band: Band = EVERYWHERE) -> Peak:
         """Of |S|, on a band [rad/s]."""
-        return self._highest(self.loop.open_loop_denominator, band)
+        return self._highest("S", self.loop.open_loop_denominator, band)
 
     def complementary(self, band: Band = EVERYWHERE) -> Peak:
         """Of |T|, on a band [rad/s]."""
-        return self._highest(self.loop.open_loop_numerator, band)
+        return self._highest("T", self.loop.open_loop_numerator, band)
 
     def weighted_complementary(self) -> Peak:
         """Of w |T(jw)| [rad/s]."""
-        return self._highest(self.loop.open_loop_numerator.shifted(1.0), EVERYWHERE)
+        return self._highest("w T", self.loop.open_loop_numerator.shifted(1.0), EVERYWHERE)
 
     def noise_gain(self, band: Band = EVERYWHERE) -> Peak:
         """Of |C S|, from measurement noise to control, on a band [rad/s]."""
-        return self._highest(self.loop.controller.numerator * self.loop.process.denominator, band)
+        return self._highest("C S", self.loop.controller.numerator * self.loop.process.denominator, band)
 
-    def _highest(self, numerator: QuasiPolynomial, band: Band) -> Peak:
+    def _highest(self, name: str, numerator: QuasiPolynomial, band: Band) -> Peak:
+        if (name, band) not in self._found:
+            self._found[name, band] = self._sought(numerator, band)
+        return self._found[name, band]
+
+    def _sought(self, numerator: QuasiPolynomial, band: Band) -> Peak:
         known = numerator.is_zero or self.closed.decided[0] or math.inf in limits(numerator, self.loop.characteristic)
         if not known:
             return Peak(math.nan, math.nan)

@@ -14,6 +14,7 @@ import pytest
 from fopid_core.design.comparison.candidates import Candidate, structure_of
 from fopid_core.design.comparison.compare import Comparison, _recommended, compare, comparison_request
 from fopid_core.design.comparison.measures import Row, measured
+from fopid_core.design.limit.limit import limit
 from fopid_core.design.specification import Bounds
 from fopid_core.errors import InputError
 from fopid_core.model.evaluation import evaluate
@@ -129,6 +130,9 @@ def test_on_the_test_bench_every_method_has_its_row_and_the_taken_one_keeps_the_
     assert cost["fopid"] <= cost["pid"] * 1.002
     assert cost["pid"] <= cost["pi"] * 1.002
     assert "<table" in comparison_page(read_process(process), found)
+    bound = limit(read_process(process), cells=80).bound  # with the same bounds on Ms and noise
+    within = [row.iae_load for row in found.rows if row.stable and not row.unmet]
+    assert 0.0 < bound < min(within) < 10.0 * bound
 
 
 @pytest.mark.slow

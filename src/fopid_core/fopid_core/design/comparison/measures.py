@@ -95,13 +95,14 @@ def measured(candidate: Candidate, bounds: Bounds, speed: float) -> Row:
     loop = candidate.loop
     if loop is None or not stability(loop).stable:
         return Row(candidate, unmet=() if loop is None else ("stability",))
-    found = margins(loop)
+    peaks = LoopPeaks(loop)
+    found = margins(loop, peaks, jitter=False)
     nyquist = math.pi / bounds.sample_time
-    as_it_runs = running(loop.process, loop.controller, bounds.sample_time, loop.filter)
-    broken = tuple(str(check) for check in checks(loop, bounds) if not check.holds)
+    as_it_runs = running(loop.process, loop.controller, bounds.sample_time, loop.filter, with_margins=False)
+    broken = tuple(str(check) for check in checks(loop, bounds, peaks) if not check.holds)
     row = Row(
         candidate, True, ms=found.ms, mt=found.mt, delay_margin=found.delay_margin, running_stable=as_it_runs.stable,
-        running_ms=as_it_runs.ms, noise_gain=LoopPeaks(loop).noise_gain((0.0, nyquist)).value, unmet=broken,
+        running_ms=as_it_runs.ms, noise_gain=peaks.noise_gain((0.0, nyquist)).value, unmet=broken,
         overshoot_spread_pct=_overshoot_spread(loop, bounds.horizon, speed),
     )  # fmt: skip
     return _with_steps(row, loop, bounds)
