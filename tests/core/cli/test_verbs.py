@@ -16,6 +16,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from fopid_core.cli.main import main
 
+from ..study.days import write_day
 from ..study.recording import Recording, record_loop
 
 pytestmark = pytest.mark.slow
@@ -51,6 +52,7 @@ LINES = (
     "region P1 --orders 1,1 --points 20 --plot region.pdf",
     "identify record.csv --template foptd",
     "design record.csv --columns measurement,control",
+    "replay day.csv --gains 0.5,0.5,0,1,1 --plot replay.png --out replay.csv",
     "identify mcap --template foptd",
     "identify sqlite3 --template foptd",
     f"export --gains {GAINS} --out c",
@@ -81,6 +83,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     table = np.column_stack([time, time >= 0.0, output])
     table[0, 1] = 0.0
     np.savetxt(made / "record.csv", table, delimiter=",", header="time,control,measurement", comments="")
+    write_day(made / "day.csv")
     (made / "process.yaml").write_text("process: 1/(s+1)^3\n")
     (made / "campaign.yaml").write_text(CAMPAIGN)
     (made / "experiment.yaml").write_text(EXPERIMENT)

@@ -37,6 +37,7 @@ from fopid_core.cli.options import (
 )
 from fopid_core.cli.output import emit
 from fopid_core.cli.progress import progress
+from fopid_core.cli.replay import replay_verb
 from fopid_core.cli.report import repair_verb, report_verb
 from fopid_core.cli.reproduce import reproduce_verb
 from fopid_core.cli.schedule import schedule_verb
@@ -109,6 +110,7 @@ main.add_command(repair_verb)
 main.add_command(reproduce_verb)
 main.add_command(identify_verb)
 main.add_command(design_verb)
+main.add_command(replay_verb)
 main.add_command(export_verb)
 main.add_command(explore_verb)
 main.add_command(simulate_verb)

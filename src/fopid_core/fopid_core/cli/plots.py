@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fopid_core.model.loop import Loop
     from fopid_core.model.response import Response
     from fopid_core.model.stability_region import StabilityRegion
+    from fopid_core.study.replay import Replay
 
 SOURCES: tuple[Source, ...] = ("setpoint", "load")
 
@@ -66,6 +67,23 @@ def fit_figure(model: IdentifiedModel, record: Record) -> Figure:
 def plot_fit(model: IdentifiedModel, record: Record, path: Path) -> None:
     """The fit of a model."""
     _save(fit_figure(model, record), path)
+
+
+def plot_replay(found: Replay, record: Record, path: Path) -> None:
+    """The recorded day and the other one with its bands."""
+    if found.measurement is None or found.control is None:
+        return
+    rows = [
+        ("measurement", {"setpoint": (found.time, found.setpoint), "recorded": (record.time, record.measurement),
+                         "replayed": (found.time, found.measurement.expected)}),
+        ("control", {"": (record.time, record.control)}),
+    ]  # fmt: skip
+    figure = draw_over_time(rows, title="with other gains, and bands of 95 %", steps=True)
+    figure.axes[1].plot(found.time, found.control.expected, color="C2", drawstyle="steps-post")
+    figure.axes[1].lines[0].set_color("C1")
+    for axes, band in zip(figure.axes, (found.measurement, found.control), strict=True):
+        axes.fill_between(found.time, band.low, band.high, color="C2", alpha=0.25, linewidth=0.0)
+    _save(figure, path)
 
 
 def plot_region(region: StabilityRegion, title: str, path: Path) -> None:

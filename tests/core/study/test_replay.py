@@ -1,0 +1,95 @@
+"""A day lived again with other gains, against the same day simulated with them on the true process."""
+
+from __future__ import annotations
+
+from dataclasses import replace as with_other
+
+import numpy as np
+import pytest
+
+from fopid_core.errors import InputError
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import Process
+from fopid_core.runtime.controller import ControllerSettings
+from fopid_core.study.replay import MOST_SAMPLES, evenly, figures, replay, simulated
+
+from .days import PROCESS, H, day
+
+RAN = Fopid(0.4, 0.4)
+
+
+def test_on_the_true_process_it_is_the_other_day_to_the_digits_of_the_machine() -> None:
+    wanted = Fopid(0.9, 0.9, 0.05, 0.95, 0.9)
+    measurement, control = simulated(day(RAN, noise=0.0), [Process.parse(PROCESS)], ControllerSettings(wanted, H))
+    other = day(wanted, noise=0.0)
+    assert np.abs(measurement[0] - other.measurement).max() < 1e-9
+    assert np.abs(control[0] - other.control).max() < 1e-9
+
+
+def test_limits_of_the_control_are_those_of_the_other_day() -> None:
+    wanted, limits = Fopid(1.2, 1.0), {"control_max": 0.6, "control_rate_max": 3.0}
+    measurement, _ = simulated(day(RAN, noise=0.0), [Process.parse(PROCESS)], ControllerSettings(wanted, H, **limits))
+    assert np.abs(measurement[0] - day(wanted, noise=0.0, **limits).measurement).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_the_bands_hold_the_other_day_and_the_same_gains_give_the_day_itself() -> None:
+    wanted, record = Fopid(0.9, 0.8), day(RAN)
+    found, other = replay(record, ControllerSettings(wanted)), day(wanted)
+    assert found.success, found.message
+    assert found.measurement is not None
+    assert found.after is not None
+    inside = (other.measurement >= found.measurement.low - 1e-9) & (other.measurement <= found.measurement.high + 1e-9)
+    assert inside.mean() > 0.8  # the load is no part of the model, and the bands know of it by the residual alone
+    truth = figures(other.time, other.setpoint, other.measurement, other.control)
+    assert found.after.iae == pytest.approx(truth.iae, rel=0.05)
+    assert found.after.iae < found.before.iae
+    again = replay(record, ControllerSettings(RAN))
+    assert again.measurement is not None
+    # What the integral made of the errors before the first control is not in the record.
+    assert np.abs(again.measurement.expected - record.measurement).max() < 1e-3
+
+
+@pytest.mark.slow
+def test_gains_that_the_process_may_not_bear_are_refused_and_some_that_it_bears_are_found() -> None:
+    record = day(RAN)
+    bold = replay(record, ControllerSettings(Fopid(5.0, 9.0)))
+    assert not bold.success
+    assert "unstable on" in bold.message
+    assert bold.after is None
+    own = replay(record)
+    assert own.success, own.message
+    assert own.after is not None
+    assert own.gains is not None
+    assert figures(*_signals(day(own.gains))).iae < figures(*_signals(record)).iae
+
+
+def test_a_record_that_does_not_show_the_process_is_refused_with_the_reason() -> None:
+    still = day(RAN)
+    still = with_other(still, control=np.full(400, 0.5), control_before=0.5)
+    found = replay(still, ControllerSettings(RAN))
+    assert not found.success
+    assert "the control stays at 0.5" in found.message
+
+
+def test_without_a_setpoint_or_with_too_many_samples_it_says_so() -> None:
+    record = day(RAN)
+    with pytest.raises(InputError, match="record without a setpoint"):
+        replay(with_other(record, setpoint=None))
+    long = np.arange(MOST_SAMPLES + 1.0)
+    with pytest.raises(InputError, match="allowed: 8000 to replay"):
+        evenly(with_other(record, time=long, control=long, measurement=long, setpoint=long))
+
+
+def test_uneven_instants_become_even_ones_with_held_controls_and_lines_of_measurement() -> None:
+    time = np.arange(40.0)
+    time[7] += 0.5
+    record = day(RAN).part(0.0, 3.95)
+    even = evenly(with_other(record, time=time, control=time, measurement=2.0 * time))
+    assert even.is_regular
+    assert even.control[7] == 6.0
+    assert even.measurement == pytest.approx(2.0 * np.arange(40.0))
+
+
+def _signals(record) -> tuple:
+    return record.time, record.setpoint, record.measurement, record.control
