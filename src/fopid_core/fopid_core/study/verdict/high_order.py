@@ -110,9 +110,13 @@ class HighOrderProblem:
         parts = [math.log(limit) + least for limit, least in zip(self.limits, self.peaks(rows), strict=True)]
         return np.concatenate(parts, axis=1) - SAFE
 
+    def cost(self, rows: Floats) -> Floats:
+        """IAE, shape (n,)."""
+        return np.asarray(np.abs(self._signals(rows)) @ self._weight)
+
     def cost_and_slack(self, rows: Floats) -> tuple[Floats, Floats]:
         """IAE, shape (n,), and ``slack``."""
-        return np.abs(self._signals(rows)) @ self._weight, self.slack(rows)
+        return self.cost(rows), self.slack(rows)
 
     def linearised(self, row: Floats) -> Linearised:
         """Signals and bounds and their slopes."""
