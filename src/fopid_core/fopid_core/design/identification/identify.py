@@ -102,6 +102,9 @@ class IdentifiedModel:
     deviation: float
     _fit: Fit = field(repr=False, compare=False)
     _covariance: Floats = field(repr=False, compare=False)
+    _drawn: dict[tuple[int, int], tuple[Process, ...]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @property
     def structure(self) -> Structure:
@@ -131,7 +134,9 @@ class IdentifiedModel:
 
     def sample(self, count: int, seed: int = 0) -> tuple[Process, ...]:
         """Processes that the record cannot tell from this one: drawn from the covariance, and held to the record."""
-        return sampled_processes(self._fit, self._covariance, count, seed)
+        if (count, seed) not in self._drawn:  # every design that is verified asks for the same
+            self._drawn[count, seed] = sampled_processes(self._fit, self._covariance, count, seed)
+        return self._drawn[count, seed]
 
 
 @dataclass(frozen=True)
