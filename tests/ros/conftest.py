@@ -138,7 +138,7 @@ class Graph:
         heard, told = [], []
 
         def arrived(event: ParameterEvent) -> None:
-            if event.node == f"/{controller}":
+            if event.node == f"/{controller}" and event.changed_parameters:  # others tell of parameters that are new
                 changed = {one.name: parameter_value_to_python(one.value) for one in event.changed_parameters}
                 (heard if set(changed) == {"trial_timeout"} else told).append(changed)
 
