@@ -25,6 +25,8 @@ from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.loop import Loop
 from fopid_core.model.two_degrees import filter_coefficients
 
+MOST_CLEARED = 8
+"""How often bounds are drawn in by what the search's grid does not show of a peak."""
 ROUNDS, STEPS = 3, 20
 """Absolute values are rounded off less at every step; a new round begins with one that sees the whole valley."""
 NEAR = (1.0 / 50.0, 300.0)
@@ -178,7 +180,7 @@ def high_order(
     if not problem.follows(row):
         return None
     fine = HighOrderProblem(*args, density=4 * DENSITY)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_CLEARED):
         found = begin(problem, row[None])[0]  # type: ignore[arg-type]
         for _ in range(ROUNDS):
             found = descend(problem, fresh(found), STEPS, 1e-4)  # type: ignore[arg-type]
@@ -187,6 +189,12 @@ def high_order(
         over = [peak / limit for peak, limit in zip((ms, mt, noise), limits, strict=True)]
         if max(over) <= WITHIN:
             break
-        # What the search's grid did not show is kept clear of in the next round.
-        problem.limits = tuple(limit / max(part, 1.0) for limit, part in zip(problem.limits, over, strict=True))
+        # What the search's grid did not show is kept clear of in the next round: by as much as it shows too little.
+        shown = [
+            min(limit, float(np.exp(-least.min())))
+            for limit, least in zip(problem.limits, problem.peaks(row[None]), strict=True)
+        ]
+        problem.limits = tuple(
+            here / part if part > 1.0 else limit for here, part, limit in zip(shown, over, problem.limits, strict=True)
+        )
     return HighOrder(found.cost, ms, mt, noise, float(row[-1]), problem.final_error(row), max(over) <= WITHIN)
