@@ -96,6 +96,16 @@ def test_a_proposal_by_one_method_has_every_structure_and_rule_beside_it(learnt:
     assert "FOPID time, on the learnt process" in told
 
 
+@pytest.mark.slow
+def test_a_proposal_tells_of_what_noise_forbids(learnt: IdentificationResult) -> None:
+    running = RunningGains(WEAK, noise=0.1, control_movement=0.03)
+    found = improve(learnt, request(learnt), LIMITS, running, compare=False, every=True)
+    told = {candidate.name: candidate.refusal for candidate in found.candidates}
+    assert {"amigo-pid", "amigo-pi", "simc-pi"} <= set(told)
+    assert "noise would move the control" in told["amigo-pid"]
+    assert all(bool(candidate.refusal) == math.isinf(candidate.score) for candidate in found.candidates)
+
+
 def test_a_learnt_delay_far_below_the_tick_does_not_set_the_time_of_a_design(learnt: IdentificationResult) -> None:
     assert learnt.best is not None
     assert 0.0 < learnt.best.process.delay < 1e-4

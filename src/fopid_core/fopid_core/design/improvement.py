@@ -165,7 +165,8 @@ def improve(
     judge = _Judge(identified.best.process, request.sample_time, running, limits.ms_max)
     trial = _Trial(identified, limits, refuse, clock, judge, tell, [])
     promising = _promising(identified, request, judge, tell) if compare or every else []
-    for one in promising[:MOST_VERIFIED] if compare else ():
+    fit = [one for one in promising if not one.refusal] if compare else []
+    for one in fit[:MOST_VERIFIED]:
         if judge.best is not None and judge.best[0] <= one.score:
             break
         trial.make(one.wanted, one.tuning)
@@ -218,17 +219,25 @@ class _Trial:
     def make_others(self, promising: Iterable[_Promise]) -> None:
         """Make the first of each structure and rule that has not been made, for comparison."""
         for one in promising:
-            if _name(one.wanted) not in {made.name for made in self.made}:
+            name = _name(one.wanted)
+            if name in {made.name for made in self.made}:
+                continue
+            if one.refusal:
+                tuned = RobustTuning(False, one.refusal, one.tuning, None, 1, one.tuning.elapsed)
+                self.made.append(Candidate(name, tuned, one.worth, one.refusal))
+            else:
                 self.make(one.wanted, one.tuning)
 
 
 @dataclass(frozen=True)
 class _Promise:
-    """A design on the learnt process itself, and its score there."""
+    """A design on the learnt process itself, its score there, and why it is not worth verifying, if it is not."""
 
     score: float
     wanted: TuningRequest
     tuning: TuningResult
+    worth: LoopWorth
+    refusal: str
 
 
 def _name(wanted: TuningRequest) -> str:
@@ -274,10 +283,9 @@ def _promising(
         if tuning.controller is None or not tuning.success:
             return 0.0
         new = judge.worth(_loop(judge.process, tuning))
-        excess = new.noise_gain / judge.noise_gain_max
-        if excess <= 1.0 and math.isfinite(new.load):
-            found.append(_Promise(judge.score(new), wanted, tuning))
-        return excess
+        refusal = judge.too_noisy(new) or ("" if math.isfinite(new.load) else "its responses are not known")
+        found.append(_Promise(judge.score(new), wanted, tuning, new, refusal))
+        return new.noise_gain / judge.noise_gain_max
 
     usual = _in_time(request, judge, identified)
     for structure in STRUCTURES:
@@ -285,13 +293,14 @@ def _promising(
         excess = looked_at(in_time)
         if excess > 1.0 and in_time.noise_rms_max:  # by as much less as sampling and filters add to it
             looked_at(replace(in_time, noise_rms_max=CLEAR * in_time.noise_rms_max / excess))
-    if found and usual.noise_rms_max is not None:
-        best = min(found, key=lambda one: one.score).wanted
+    fit = [one for one in found if not one.refusal]
+    if fit and usual.noise_rms_max is not None:
+        best = min(fit, key=lambda one: one.score).wanted
         for share in QUIETER:
             looked_at(replace(best, noise_rms_max=share * usual.noise_rms_max))
     for rule in RULES:
         looked_at(replace(request, method="rule", rule=rule))
-    return sorted(found, key=lambda one: one.score)
+    return sorted(found, key=lambda one: (bool(one.refusal), one.score))
 
 
 def _in_time(request: TuningRequest, judge: _Judge, identified: IdentificationResult) -> TuningRequest:
@@ -365,9 +374,7 @@ class _Judge:
         self.crossover = tuned.tuning.achieved.crossover if tuned.tuning and tuned.tuning.achieved else 0.0
         self.noise_excess = new.noise_gain / self.noise_gain_max
         if self.noise_excess > 1.0:
-            moves = new.noise_gain * self._running.noise
-            most = self.noise_gain_max * self._running.noise
-            return f"the measurement's noise would move the control by {moves:.3g} ({most:.3g} is allowed)"
+            return self.too_noisy(new)
         if math.isinf(old.setpoint):
             return "" if math.isfinite(new.setpoint) else "its responses are not known"
         if old.ms > self._ms_max:  # what runs is not to be kept, however fast it is
@@ -375,6 +382,13 @@ class _Judge:
         if new.setpoint > WORSE * old.setpoint or new.load > WORSE * old.load or self.errors(new) > BETTER:
             return f"not better than what runs on the learnt process: {new}; now {old}"
         return ""
+
+    def too_noisy(self, new: LoopWorth) -> str:
+        """Why noise forbids a loop; empty when it does not."""
+        if new.noise_gain <= self.noise_gain_max:
+            return ""
+        moves, most = new.noise_gain * self._running.noise, self.noise_gain_max * self._running.noise
+        return f"the measurement's noise would move the control by {moves:.3g} ({most:.3g} is allowed)"
 
     def take(self, tuned: RobustTuning, wanted: TuningRequest) -> None:
         """Keep a design if it is the best so far."""
