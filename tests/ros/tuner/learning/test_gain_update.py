@@ -249,7 +249,8 @@ def test_new_gains_are_watched_for_ten_response_times(learnt: IdentificationResu
     running = Running(lambda t: 1.0 + 0.005 * math.sin(7.0 * t))
     gain_update, outcome = handed_over(running, learnt)
     gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
-    assert [stage.phase for stage in running.stages[:3]] == ["tuning", "verifying", "applying"]
+    phases = list(dict.fromkeys(stage.phase for stage in running.stages))  # each design looked at is told
+    assert phases[:3] == ["tuning", "verifying", "applying"]
     watched = [stage for stage in running.stages if stage.phase == "watching"]
     response_time = 2.0 / outcome.tuned.tuning.achieved.crossover
     assert watched[0].remaining + SAMPLE_TIME == pytest.approx(10.0 * response_time, abs=2 * SAMPLE_TIME)

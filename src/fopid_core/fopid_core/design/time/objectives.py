@@ -21,6 +21,7 @@ ZAMANI_PARTS = (
 OBJECTIVES = (*INDEX_NAMES, "sum", "energy", "zamani")
 SETTLED = 0.02
 """Band of the settling time, as a share of the step."""
+SMALLEST = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,7 @@ def _settling(time: Real, errors: Real) -> Real:
 
 def phase_margin(loop: Complex) -> Real:
     """The smallest angle from -1 at which |L| passes 1 downwards [rad], shape (n,); pi when it does not."""
-    gain = np.log(np.abs(loop))
+    gain = _log_gain(loop)
     share, crosses = _downward(gain)
     angle = np.angle(-loop)
     turn = np.angle(np.exp(1j * np.diff(angle, axis=1)))
@@ -181,10 +182,15 @@ def gain_margin(loop: Complex) -> Real:
     """The least factor above 1 on the gain that reaches -1, shape (n,); infinite when none does."""
     share, crosses = _downward(np.angle(-loop))
     near = np.abs(np.diff(np.angle(-loop), axis=1)) < 1.0
-    gain = np.log(np.abs(loop))
+    gain = _log_gain(loop)
     reached = np.exp(-(gain[:, :-1] + share * np.diff(gain, axis=1)))
     margins = np.where(crosses & near & (reached > 1.0), reached, math.inf)
     return np.asarray(margins.min(axis=1, initial=math.inf))
+
+
+def _log_gain(loop: Complex) -> Real:
+    """A loop that is zero, as without gains, counts as the smallest that there is."""
+    return np.asarray(np.log(np.maximum(np.abs(loop), SMALLEST)))
 
 
 def _downward(values: Real) -> tuple[Real, NDArray[np.bool_]]:
