@@ -22,8 +22,8 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Through the environment, so that brackets, ^, spaces and quotes reach the command as typed.
 export PROCESS
 
-# Processes that run tests: one per core. Those over ROS 2 mostly wait, so more of them are quicker where none else works.
-WORKERS := auto
+# Processes that run tests: two per core, since those over ROS 2 mostly wait.
+WORKERS := $(shell echo $$((2 * $$(nproc))))
 PYTEST = "$(BIN)/python" -m pytest --numprocesses $(WORKERS) --dist loadfile
 
 # `make reliability`: the share of its work that is done, where its figures go, and how many loops run side by side.

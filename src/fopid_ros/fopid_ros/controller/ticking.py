@@ -8,8 +8,10 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
@@ -19,6 +21,8 @@ from fopid_ros.common.signals import SignalType
 from fopid_ros.controller.remembering import RememberingNode
 
 NS = 1_000_000_000
+READ_TIME = 0.3
+"""How long the end waits for those who read the control [s]."""
 
 
 class TickingNode(RememberingNode):
@@ -29,6 +33,7 @@ class TickingNode(RememberingNode):
 
     _types: dict[str, SignalType]
     _inputs: Any
+    _control_publisher: Publisher
     _active = False
     _timer: Timer | None = None
     _last_tick: int | None = None
@@ -114,6 +119,8 @@ class TickingNode(RememberingNode):
         self._active = False
         self.make_safe()
         self.send_control(self.get_clock().now().nanoseconds)
+        # A process that ends takes with it what nobody has read yet.
+        self._control_publisher.wait_for_all_acked(Duration(seconds=READ_TIME))
         if self._timer is not None:
             self.destroy_timer(self._timer)
             self._timer = None
