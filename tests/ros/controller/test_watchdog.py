@@ -76,7 +76,7 @@ def test_when_the_plant_is_killed_the_control_stays_put_and_goes_on_when_it_is_b
     os.kill(plant.pid, signal.SIGKILL)
     graph.until(lambda: states[-1].stale, "a stale measurement")
     held, since = states[-1].control, len(states)
-    graph.until(lambda: (ERROR, "measurement stale") in diagnosed(), "an error in the diagnostics")
+    graph.until(lambda: any(is_stale(*status) for status in diagnosed()), "an error in the diagnostics")
     graph.spin(1.5)
     assert {state.control for state in states[since:]} == {held}
     assert len({state.integral for state in states[since + 1 :]}) == 1
@@ -84,6 +84,10 @@ def test_when_the_plant_is_killed_the_control_stays_put_and_goes_on_when_it_is_b
     graph.until(lambda: not states[-1].stale, "a fresh measurement")
     assert abs(next(state for state in states[since:] if not state.stale).control - held) < 0.05
     graph.until(lambda: diagnosed() and diagnosed()[0][0] != ERROR, "an end of the error")
+
+
+def is_stale(level: bytes, text: str) -> bool:
+    return level == ERROR and "measurement stale" in text  # on a busy machine there are late ticks besides
 
 
 def watched(graph: Graph, more: list[str]) -> tuple:
