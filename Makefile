@@ -22,7 +22,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Through the environment, so that brackets, ^, spaces and quotes reach the command as typed.
 export PROCESS
 
-# Processes that run tests: two per core, since those over ROS 2 mostly wait.
+# Processes that run the fast tests: two per core, since those over ROS 2 mostly wait. The slow ones work: one per core.
 WORKERS := $(shell echo $$((2 * $$(nproc))))
 PYTEST = "$(BIN)/python" -m pytest --numprocesses $(WORKERS) --dist loadfile
 
@@ -49,7 +49,7 @@ test: venv ## Run the fast tests [ARGS='-k name']
 
 .PHONY: test-slow
 test-slow: venv ## Run the tests marked slow
-	@$(PYTEST) -m 'slow and not colcon and not reliability' $(ARGS)
+	@$(PYTEST) --numprocesses auto -m 'slow and not colcon and not reliability' $(ARGS)
 
 .PHONY: test-all
 test-all: venv ## Run the fast and the slow tests

@@ -28,12 +28,12 @@ def publish_once(graph: Graph, value: float) -> None:
     while not publisher.get_subscription_count():
         time.sleep(0.1)
     publisher.publish(ScalarStamped(value=value))
-    time.sleep(0.1)
+    time.sleep(0.3)  # `ros2 topic pub --once` gives it 0.1 s, in which a busy machine may not deliver it
     node.destroy_node()
     rclpy.shutdown(context=context)
 
 
-@pytest.mark.parametrize("times", [2, pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(600)])])
+@pytest.mark.parametrize("times", [2, pytest.param(25, marks=[pytest.mark.slow, pytest.mark.timeout(600)])])
 def test_a_setpoint_published_once_reaches_the_controller_beside_a_tuner(graph: Graph, times: int) -> None:
     graph.start("plant_simulator", {})
     graph.start(NAME, {"kp": 1.0})
