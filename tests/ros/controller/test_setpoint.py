@@ -20,7 +20,7 @@ KEPT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def publish_once(graph: Graph, value: float) -> None:
-    """As ``ros2 topic pub --once``: a node of its own, gone 0.1 s after the first reader was found and served."""
+    """As ``ros2 topic pub --once``: a node of its own, gone soon after the first reader was found and served."""
     context = Context()
     rclpy.init(context=context, domain_id=graph.domain)
     node = Node("once", context=context)
