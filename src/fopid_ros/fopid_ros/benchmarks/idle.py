@@ -17,6 +17,8 @@ from fopid_ros.benchmarks.cpu import cpu_seconds, serve
 from fopid_ros.experiment.child_processes import Children, command, ros_arguments
 
 LOOP = ("plant_simulator", "fopid_controller")
+STDERR = 2
+"""The dashboard tells its address, and stdout is for the figures."""
 LISTENERS = {"fopid_tuner": "bare_listener", "dashboard": "bare_state_listener"}
 """Nodes that listen, and the bare node with the same subscriptions."""
 WARM_UP = 5.0  # [s]
@@ -83,7 +85,7 @@ def idle_costs(
         for name, parameters in zip(LOOP, ({"process": "P1"}, {**gains, "setpoint.initial": 1.0}), strict=True):
             children.start(name, [command(name), *ros_arguments(parameters), "--log-level", "warn"])
         children.start("fopid_tuner", [command("fopid_tuner"), *ros_arguments({"process": "P1"})])
-        children.start("dashboard", [command("dashboard"), "--port", "0"])
+        children.start("dashboard", [command("dashboard"), "--port", "0"], stdout=STDERR)
         for name in LISTENERS.values():
             children.start(name, [*bare, name])
         heard = lambda: min(node.count_subscribers(t) for t in ("/control", "/fopid_controller/state")) > 1  # noqa: E731

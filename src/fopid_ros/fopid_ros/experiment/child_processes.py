@@ -59,11 +59,18 @@ class Children:
     def __init__(self) -> None:
         self._running: list[tuple[str, subprocess.Popen[bytes]]] = []
 
-    def start(self, name: str, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> None:
-        """Start a process."""
+    def start(
+        self,
+        name: str,
+        arguments: Sequence[str],
+        environment: Mapping[str, str] | None = None,
+        stdout: int | None = None,
+    ) -> None:
+        """Start a process; its stdout is this one's, or a file descriptor."""
         process = subprocess.Popen(
             list(arguments),
             stdin=subprocess.DEVNULL,
+            stdout=stdout,
             env={**os.environ, **(environment or {})},
             start_new_session=True,
             preexec_fn=die_with_parent,  # the parent has one thread when it starts children
