@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import os
 import resource
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -32,18 +34,23 @@ KEPT = Path("build/fuzz")
 class Tally:
     """Counts cases and keeps those that are answered badly."""
 
-    def __init__(self, name: str, fault: Callable[[bytes], str], cases: int) -> None:
-        self._name, self._fault, self._cases = name, fault, cases
+    def __init__(self, name: str, fault: Callable[[bytes], str], cases: int, seed: int) -> None:
+        self._name, self._fault, self._cases, self._seed = name, fault, cases, seed
         self.done = self.faults = 0
         self._begun = time.process_time()
+        self._slowest = (0.0, b"")
+        self._kinds: Counter[str] = Counter()
         self._told: set[str] = set()
 
-    def take(self, case: bytes) -> None:
+    def take(self, case: bytes, kind: str = "") -> None:
         """Try one case; ends the process after the last one."""
+        begun = time.process_time()
         found = self._fault(case)
+        self._slowest = max(self._slowest, (time.process_time() - begun, case))
         if found:
             self._keep(case, found)
         self.done += 1
+        self._kinds[kind] += 1
         if self.done >= self._cases:
             self.end()
 
@@ -56,12 +63,21 @@ class Tally:
         file = KEPT / self._name / hashlib.sha256(case).hexdigest()[:16]
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(case)
-        print(f"{file}: {case[:200]!r}\n    {found[:2000]}", flush=True)
+        print(f"{file}: {case[:2000]!r}\n    {found[:2000]}", flush=True)
 
     def end(self) -> None:
-        """Say how it went."""
-        took = time.process_time() - self._begun
-        print(f"{self._name}: {self.done} cases, {self.faults} faults in {took:.0f} s of processor", flush=True)
+        """Say how it went, as text and as a line of ``build/fuzz/campaigns.jsonl``."""
+        seconds, case = self._slowest
+        told = {
+            "target": self._name, "seed": self._seed, "cases": self.done, "faults": self.faults,
+            "seconds": round(time.process_time() - self._begun, 1),
+            "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
+            "slowest_s": round(seconds, 2), "slowest": case[:300].decode(errors="replace"), "kinds": dict(self._kinds),
+        }  # fmt: skip
+        KEPT.mkdir(parents=True, exist_ok=True)
+        with (KEPT / "campaigns.jsonl").open("a") as file:
+            file.write(json.dumps(told) + "\n")
+        print(", ".join(f"{name} {value}" for name, value in told.items() if name != "kinds"), flush=True)
         os._exit(1 if self.faults else 0)  # a fuzzing engine has no other end
 
 
@@ -96,6 +112,21 @@ def _engine_and_targets(name: str) -> tuple[Any, Any]:
     return atheris, targets
 
 
+def _run_generated(name: str, cases: int, seed: int, targets: Any) -> None:
+    """Cases that are made whole, not changed from seeds."""
+    from .lines import Fuzzer, Line, line_fault
+
+    fuzzer = Fuzzer(seed)
+    if name == "asked":
+        tally = Tally(name, lambda case: targets.fault(targets.TARGETS["wishes"], case), cases, seed)
+        while True:
+            tally.take(fuzzer.asked(ASKS))
+    tally = Tally(name, lambda case: line_fault(Line.of_bytes(case)), cases, seed)
+    while True:
+        line = fuzzer.line()
+        tally.take(line.to_bytes(), " ".join(line.arguments[: 1 + (line.arguments[:1] == ("tune",))]))
+
+
 def main() -> None:
     """Run the campaign that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -104,22 +135,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     atheris, targets = _engine_and_targets(given.target)
-    from .texts import Fuzzer, line_fault
-
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     if given.target in GENERATED:
-        fuzzer = Fuzzer(given.seed)
-        if given.target == "asked":
-            tally = Tally(given.target, lambda case: targets.fault(targets.TARGETS["wishes"], case), given.cases)
-            while True:
-                tally.take(fuzzer.asked(ASKS))
-        tally = Tally(given.target, lambda case: line_fault(case.decode().split("\0")), given.cases)
-        while True:
-            tally.take("\0".join(part.replace("\0", "") for part in fuzzer.line()).encode())
+        _run_generated(given.target, given.cases, given.seed, targets)
     if given.target not in targets.TARGETS:
         parser.error(f"target = {given.target!r}; allowed: {', '.join((*targets.TARGETS, *GENERATED))}")
     target = targets.TARGETS[given.target]
-    tally = Tally(given.target, lambda case: targets.fault(target, case), given.cases)
+    tally = Tally(given.target, lambda case: targets.fault(target, case), given.cases, given.seed)
     seeds = list(target.seeds())
     for seed in seeds:
         tally.take(seed)

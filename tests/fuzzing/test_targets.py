@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from .campaign import changed
+from .lines import Fuzzer
 from .targets import TARGETS, fault
-from .texts import Fuzzer
 
 SEARCHING = ("wishes",)
 ONCE_BROKEN = [

@@ -77,7 +77,10 @@ class Continuation:
         most = self.problem.specification
         first = self._solved(most.ms_max, most.noise_max, [start])
         loosest = min(most.noise_max, self._noise(first))
-        levels = np.geomspace(loosest, max(self._least_noise(), loosest / NOISE_RANGE), EDGE)
+        quietest = max(self._least_noise(), loosest / NOISE_RANGE)
+        if quietest >= loosest:  # no noise can be saved: the surface is one of its edges
+            return self._walk([(ms, most.noise_max) for ms in _ms_levels(most.ms_max, ms_min, points)], [first])
+        levels = np.geomspace(loosest, quietest, EDGE)
         down = self._walk([(most.ms_max, noise) for noise in levels], [first])
         if len(down) < 2:
             return down
