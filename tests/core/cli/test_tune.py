@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import Result
+from rosbags.rosbag2 import StoragePlugin
 
 from fopid_core.data import paper_tables
 from fopid_core.model.fopid import Fopid
@@ -19,7 +20,10 @@ from fopid_core.model.margins import margins
 from fopid_core.model.process import read_process
 from fopid_core.model.templates import TEMPLATES
 from fopid_core.runtime.controller import ControllerSettings, FopidController
+from fopid_core.study.records import read_record
 
+from ..design.identification.recorded import step_record
+from ..study.recording import EXPERIMENT, Recording, record_loop
 from .runner import invoke
 
 PAPERS_BOUNDS = ("--t-max", "-40@10", "--s-max", "-40@0.01")
@@ -190,3 +194,53 @@ def test_gains_before_that_are_not_stable_are_told_as_such() -> None:
     assert found["before"]["steps"]["stable"] is False
     assert found["before"]["steps"]["iae_setpoint"] is None
     assert found["steps"]["stable"] is True
+
+
+def recorded(folder: Path) -> Path:
+    """A step test of 2/(10s+1)exp(-3s) with a sample each second, as a csv file."""
+    record = step_record("2/(10s+1)*exp(-3s)", 150.0, 1.0, 0.02)
+    table = np.column_stack([record.time, record.control, record.measurement])
+    np.savetxt(folder / "step.csv", table, delimiter=",", header="time,control,measurement", comments="")
+    return folder / "step.csv"
+
+
+def test_a_record_in_place_of_a_process_gives_its_sample_time_and_noise(tmp_path: Path) -> None:
+    line = ("tune", "frequency", "--record", str(recorded(tmp_path)), "--template", "foptd")
+    found = answer(*line, "--control-min", "-1", "--control-max", "4")
+    assert found["success"]
+    assert found["record"]["template"] == "foptd"
+    assert found["record"]["noise"] == pytest.approx(0.02, rel=0.1)
+    assert found["record"]["taken"].keys() == {"sample_time", "u_max"}
+    assert "1 % of the range 5" in found["message"]
+
+
+def test_limits_and_rate_are_those_of_a_bags_controller(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "bag", StoragePlugin.MCAP)
+    record_loop(recording)
+    recording.writer.set_custom_data("experiment", EXPERIMENT)
+    recording.writer.close()
+    found = read_record(tmp_path / "bag")
+    assert (found.control_min, found.control_max, found.control_rate_max) == (-10.0, 10.0, math.inf)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ((), "allowed: PROCESS or --record FILE"),
+        (("P1", "--record", "step.csv"), "beside --record; allowed: one of them"),
+        (("P1", "--control-max", "3"), "control-max without a record"),
+        (("--record", "none.csv"), "none.csv"),
+    ],
+    ids=("neither", "both", "limits alone", "no file"),
+)
+def test_a_process_or_a_record_is_asked_for(options: tuple[str, ...], said: str) -> None:
+    result = run("tune", "frequency", *options)
+    assert (result.exit_code, len(result.stderr.splitlines())) == (2, 1)
+    assert said in result.stderr
+
+
+def test_a_record_that_tells_nothing_leaves_with_3(tmp_path: Path) -> None:
+    rows = "\n".join(f"{k},1,{k % 3}" for k in range(60))
+    (tmp_path / "still.csv").write_text(f"time,control,measurement\n{rows}\n")
+    found = answer("tune", "time", "--record", str(tmp_path / "still.csv"), status=3)
+    assert (found["success"], found["gains"]) == (False, None)

@@ -45,6 +45,8 @@ LINES = (
     "tune frequency P1 --phase-margin 80 --crossover 0.3",
     "tune time 2/(s+1)^3*exp(-0.2s) --index itae --ms-max 1.6",
     "tune rule P3 --rule fmigo",
+    "tune frequency --record record.csv",
+    "tune time --record record.csv --structure pi --template foptd",
     f"evaluate P1 --gains {GAINS}",
     f"evaluate process.yaml --gains {GAINS} --method gl1",
     f"step P1 --gains {GAINS} --plot step.png",

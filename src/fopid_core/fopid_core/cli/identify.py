@@ -43,10 +43,13 @@ def identify_verb(
 ) -> None:
     """Learn the process from a record: a csv file with time, control, measurement, or a bag."""
     from fopid_core.design.identification.identify import identify
+    from fopid_core.design.identification.noise import sensor_noise
     from fopid_core.study.records import read_record
 
     signals = read_record(record, namespace, control_before, columns)
-    found = identify(signals.part(first, last) if math.isfinite(first) or math.isfinite(last) else signals, template)
+    signals = signals.part(first, last) if math.isfinite(first) or math.isfinite(last) else signals
+    sensor = sensor_noise(signals)
+    found = identify(signals, template, noise=sensor.level if sensor.at_rest else 0.0)
     if plot and found.best:
         from fopid_core.cli.plots import plot_fit
 
@@ -59,6 +62,10 @@ def identify_verb(
         "template": best.template if best else None,
         "process": str(best.process) if best else None,
         "fit_pct": best.fit_pct if best else None,
+        "sample_time": signals.sample_time,
+        "noise_at_rest": sensor.level,
+        "quantisation": sensor.step,
+        "control_limits": [signals.control_min, signals.control_max],
         "rows_left_out": signals.left_out,
         "plot": str(plot) if plot and best else None,
         "elapsed_s": found.elapsed,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,9 +24,35 @@ from fopid_core.cli.progress import progress
 from fopid_core.errors import InputError
 
 if TYPE_CHECKING:
-    from fopid_core.design.specification import Bound, TuningRequest
+    from fopid_core.design.specification import Bound
+    from fopid_core.model.fopid import Fopid
 
 bound_metavar = "DB@RAD_S"
+
+
+def record_options(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Either a process or a record to learn it from; and the sample time, which a record says as well."""
+    for option in reversed(
+        (
+            click.argument("process", required=False),
+            click.option(
+                "--record", type=click.Path(path_type=Path), metavar="FILE",
+                help="In place of PROCESS: learn it, its noise, limits and sample time from a csv file or a bag.",
+            ),
+            click.option("--columns", metavar="PV,OP,SP", help="Of a csv file: names or numbers; the fourth is time."),
+            click.option("--namespace", metavar="NAME", help="Which loop, when a bag holds several."),
+            click.option("--template", default="all", show_default=True, help="What to learn, as identify takes it."),
+            click.option("--control-min", type=float, metavar="X", help="Lower limit of the control in a record."),
+            click.option("--control-max", type=float, metavar="X", help="Its upper limit."),
+            click.option("--control-before", type=float, metavar="X", help="The control at rest before, if known."),
+            click.option(
+                "--sample-time", type=float, metavar="S",
+                help="Of the controller as it runs [s]; 0.01, or the record's.",
+            ),
+        )
+    ):  # fmt: skip
+        verb = option(verb)
+    return verb
 
 
 def result_options(verb: Callable[..., Any]) -> Callable[..., Any]:
@@ -75,7 +102,7 @@ def tune_group() -> None:
 
 
 @tune_group.command("frequency", context_settings=ARGUMENTS)
-@process_argument
+@record_options
 @click.option("--phase-margin", type=float, metavar="DEG", help="60 degrees when not given.")
 @click.option("--crossover", type=float, metavar="RAD_S", help="Chosen from the process when not given.")
 @click.option("--t-max", metavar=bound_metavar, help="|T| at most this from that frequency on, as -40@10.")
@@ -83,36 +110,20 @@ def tune_group() -> None:
 @click.option("--via", default="none", show_default=True, help="Template to reduce to first, or none.")
 @click.option("--criterion", default="peaks", show_default=True, help="What is best: peaks, ms or flatness.")
 @click.option("--u-max", type=float, metavar="X", help="Bound on the control at a setpoint step; 20 over the gain.")
-@design_options("sample_time")
 @click.option("--solver", default="square", show_default=True, help="square, or paper or monje for comparison.")
 @result_options
-def frequency_verb(
-    process: str,
-    phase_margin: float | None,
-    t_max: str | None,
-    s_max: str | None,
-    certified: bool,
-    before: str | None,
-    plot: Path | None,
-    as_json: bool,
-    **options: Any,
-) -> None:
+def frequency_verb(phase_margin: float | None, t_max: str | None, s_max: str | None, **given: Any) -> None:
     """Meet phase margin, crossover and flat phase, and bounds on |T| and |S|."""
-    from fopid_core.design.specification import TuningRequest
-    from fopid_core.model.process import read_process
-
-    request = TuningRequest(
-        read_process(process),
-        phase_margin=None if phase_margin is None else _radians(phase_margin),
-        t_max=_bound("t-max", t_max),
-        s_max=_bound("s-max", s_max),
-        **options,
-    )
-    _tune(request, certified, before, plot, as_json)
+    asked = {
+        "phase_margin": None if phase_margin is None else _radians(phase_margin),
+        "t_max": _bound("t-max", t_max),
+        "s_max": _bound("s-max", s_max),
+    }
+    _tune("frequency", asked, given)
 
 
 @tune_group.command("time", context_settings=ARGUMENTS)
-@process_argument
+@record_options
 @click.option(
     "--index", default="itae", show_default=True, help="iae, ise, itae, itse, istes, istse, sum, energy or zamani."
 )
@@ -125,9 +136,8 @@ def frequency_verb(
 @click.option(
     "--structure", metavar="NAME", help="p, pi, pd, pid, fopi, fopd or fopid; else the simplest nearly as good."
 )
-@click.option("--filter-order", type=int, default=0, show_default=True, help="Of the measurement's filter: 0, 1 or 2.")
+@click.option("--filter-order", type=int, help="Of the measurement's filter: 0, 1 or 2; 0, or 2 for a noisy record.")
 @click.option("--two-degrees/--one-degree", default=None, help="Choose the setpoint's weights as well, or keep them 1.")
-@design_options("sample_time")
 @click.option("--start", metavar="KP,KI,KD,LAM,MU", help="A further point to begin from.")
 @click.option(
     "--fix", multiple=True, metavar="NAME=VALUE", help="Keep kp, ki, kd, lam, mu or filter_time; may be repeated."
@@ -139,57 +149,83 @@ def frequency_verb(
 @click.option("--timeout", type=float, metavar="S", help="Give the best found after this long [s].")
 @result_options
 def time_verb(
-    process: str,
-    start: str | None,
-    certified: bool,
-    before: str | None,
-    plot: Path | None,
-    as_json: bool,
-    **options: Any,
-) -> None:
+    start: str | None, fix: tuple[str, ...], bound: tuple[str, ...], weight: tuple[str, ...], before: str | None,
+    **given: Any,
+) -> None:  # fmt: skip
     """Minimise an index of the response to a setpoint step, a load step or both, under bounds."""
-    from fopid_core.design.specification import TuningRequest
     from fopid_core.model.fopid import read_gains
-    from fopid_core.model.process import read_process
 
-    pairs: dict[str, Any] = {
-        "fixed": {name: _number(name, value) for name, value in _pairs("fix", options.pop("fix"))},
-        "bounds": {name: _range(name, value) for name, value in _pairs("bound", options.pop("bound"))},
-        "weights": {name: _number(name, value) for name, value in _pairs("weight", options.pop("weight"))},
+    asked: dict[str, Any] = {
+        "fixed": {name: _number(name, value) for name, value in _pairs("fix", fix)},
+        "bounds": {name: _range(name, value) for name, value in _pairs("bound", bound)},
+        "weights": {name: _number(name, value) for name, value in _pairs("weight", weight)},
+        "start": None if start is None else read_gains(start),
     }
-    begin = None if start is None else read_gains(start)
-    request = TuningRequest(read_process(process), method="time", start=begin, **pairs, **options)
-    _tune(request, certified, before or start, plot, as_json)
+    _tune("time", asked, {**given, "before": before or start})
 
 
 @tune_group.command("rule", context_settings=ARGUMENTS)
-@process_argument
+@record_options
 @click.option("--rule", metavar="NAME", help="valerio-1, fmigo, padula-visioli-..., simc-pi, amigo-pi, amigo-pid, ...")
 @click.option("--crossover", type=float, metavar="RAD_S", help="For dominant-poles: their natural frequency.")
-@design_options("sample_time")
 @result_options
-def rule_verb(process: str, rule: str | None, crossover: float | None, sample_time: float, **shown: Any) -> None:
+def rule_verb(**given: Any) -> None:
     """Read the numbers off a published rule."""
-    from fopid_core.design.specification import TuningRequest
-    from fopid_core.model.process import read_process
-
-    request = TuningRequest(
-        read_process(process), method="rule", rule=rule, crossover=crossover, sample_time=sample_time
-    )
-    _tune(request, **shown)
+    _tune("rule", {}, given)
 
 
-def _tune(request: TuningRequest, certified: bool, before: str | None, plot: Path | None, as_json: bool) -> None:
+_OF_A_RECORD = ("columns", "namespace", "control_min", "control_max", "control_before")
+
+
+def _tune(method: str, asked: dict[str, Any], given: dict[str, Any]) -> None:
     """Tune with a progress bar on stderr, write the result, leave with the exit status of the contract."""
     from fopid_core.cli.tuned import show
+    from fopid_core.design.specification import TuningRequest
     from fopid_core.design.tuner import tune
     from fopid_core.model.fopid import read_gains
+    from fopid_core.model.process import read_process
 
-    given = None if before is None else read_gains(before)
-    with progress(request.method) as told:
-        result = tune(request, told)
-    if not show(request, result, given, certified, plot, as_json):
+    process, record, before = (given.pop(name) for name in ("process", "record", "before"))
+    shown = {name: given.pop(name) for name in ("certified", "plot", "as_json")}
+    source = {name: given.pop(name) for name in _OF_A_RECORD}
+    template = given.pop("template")
+    options = {name: value for name, value in {**asked, **given}.items() if value is not None}
+    gains = None if before is None else read_gains(before)
+    if (process is None) == (record is None):
+        raise InputError("process missing; allowed: PROCESS or --record FILE" if record is None
+                         else f"process {process!r} beside --record; allowed: one of them")  # fmt: skip
+    if record is not None:
+        success = _tune_record(method, record, source, template, options, gains, shown)
+    else:
+        if unused := [name for name, value in source.items() if value is not None]:
+            raise InputError(f"{unused[0].replace('_', '-')} without a record; allowed: with --record")
+        request = TuningRequest(read_process(process), method, **options)
+        with progress(method) as told:
+            result = tune(request, told)
+        success = show(request, result, gains, **shown)
+    if not success:
         click.get_current_context().exit(CANNOT_BE_MET)
+
+
+def _tune_record(
+    method: str, file: Path, source: dict[str, Any], template: str, options: dict[str, Any], gains: Fopid | None,
+    shown: dict[str, Any],
+) -> bool:  # fmt: skip
+    """Learn and tune from a record, and write what came of it; whether it is a success."""
+    from fopid_core.cli.tuned import show, show_refused
+    from fopid_core.design.recorded_tuning import tune_recorded
+    from fopid_core.study.records import read_record
+
+    signals = read_record(file, source["namespace"], source["control_before"], source["columns"])
+    limits = {name: source[name] for name in ("control_min", "control_max") if source[name] is not None}
+    with progress(method) as told:
+        told(0.0, "learning the process, tuning, verifying on all that the record leaves possible")
+        found = tune_recorded(replace(signals, **limits), method, options, template=template)
+    tuning = None if found.tuned is None else found.tuned.tuning
+    if tuning is None or found.request is None:
+        return show_refused(found, shown["as_json"])
+    result = replace(tuning, success=found.success, message=found.message)
+    return show(found.request, result, gains, **shown, recorded=found)
 
 
 def _radians(degrees: float) -> float:

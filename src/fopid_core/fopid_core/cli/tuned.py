@@ -12,6 +12,7 @@ import numpy as np
 from fopid_core.cli.output import emit, text
 
 if TYPE_CHECKING:
+    from fopid_core.design.recorded_tuning import RecordedTuning
     from fopid_core.design.specification import TuningRequest, TuningResult
     from fopid_core.model.fopid import Fopid
     from fopid_core.model.loop import Loop
@@ -32,6 +33,7 @@ def show(
     certified: bool,
     plot: Path | None,
     as_json: bool,
+    recorded: RecordedTuning | None = None,
 ) -> bool:
     """Write a tuning to stdout, and its picture; whether it is a success.
 
@@ -46,10 +48,14 @@ def show(
     plot : Path, optional
         Draw the steps.
     as_json : bool
+    recorded : RecordedTuning, optional
+        What it rests on, where the process was learnt.
     """
     from fopid_core.model.loop import Loop
 
     data = _result_rows(result)
+    if recorded is not None:
+        data |= _record_rows(recorded)
     if certified:
         _add_certificate(data, request, result)
     loops = {
@@ -64,6 +70,30 @@ def show(
     data["plot"] = _plot(known, steps, request, plot) if plot and known else None
     emit(data, _tables(data, steps), as_json)
     return bool(data["success"])
+
+
+def show_refused(recorded: RecordedTuning, as_json: bool) -> bool:
+    """Write why nothing could be designed from a record; it is no success."""
+    data = {"success": False, "message": recorded.message, "gains": None, **_record_rows(recorded)}
+    emit(data, [("Refused", {"message": recorded.message})], as_json)
+    return False
+
+
+def _record_rows(recorded: RecordedTuning) -> dict[str, Any]:
+    """What the record said: the process, and what bounded the design."""
+    best, noise = recorded.identified.best, recorded.noise
+    level = recorded.bounds.noise if recorded.bounds else noise.level
+    return {
+        "record": {
+            "process": None if best is None else str(best.process),
+            "template": None if best is None else best.template,
+            "fit_pct": None if best is None else best.fit_pct,
+            "noise": level,
+            "noise_at_rest": noise.at_rest,
+            "quantisation": noise.step,
+            "taken": dict(recorded.taken),
+        }
+    }
 
 
 def _steps(loops: dict[str, Loop], sample_time: float) -> dict[str, dict[str, float | bool]]:
@@ -112,6 +142,9 @@ def _tables(data: dict[str, Any], steps: dict[str, dict[str, float | bool]]) -> 
         tables.append(("Achieved", {name: value for name, value in asked.items() if name not in STEPS}))
     if data["running"]:
         tables.append(("As it runs", {name: value for name, value in data["running"].items() if value != ""}))
+    if "record" in data:
+        rows = dict(data["record"])
+        tables.append(("From the record", rows | rows.pop("taken")))
     shown = ("success", "message", "method", "structure", "stable", "unstable_poles", "unmet", "at_edge", "cost",
              "evaluations", "elapsed_s", "certificate", "plot")  # fmt: skip
     tables.append(("Tuning", {name: data[name] for name in shown if name in data}))

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fopid_core.design.identification.record import Record
 from fopid_core.study.csv_columns import read_csv_signals
+from fopid_core.study.reports.limit_figures import limit_history
 from fopid_core.study.reports.run import Run
+
+LIMITS = ("control_min", "control_max", "control_rate_max")
+"""Parameters of the controller that a record keeps."""
 
 
 def read_record(
@@ -52,11 +57,13 @@ def read_record(
 
 
 def record_of_run(run: Run, control_before: float | None = None) -> Record:
-    """The record of a run: a control within half a sample after a measurement counts as its answer."""
+    """The record of a run, with its limits: a control within half a sample after a measurement counts as its answer."""
     measurement, control = run.signals["measurement"], run.signals["control"]
     known = measurement.time >= control.time[0] - 0.5 * run.sample_time
     time, values = measurement.time[known], measurement.value[known]
     fresh = np.diff(np.maximum.accumulate(time), prepend=-np.inf) > 0.0
     time, values = time[fresh], values[fresh]
     setpoint = run.signals["setpoint"].held_at(time) if "setpoint" in run.signals else None
-    return Record(time, control.held_at(time + 0.5 * run.sample_time), values, setpoint, control_before)
+    limits: dict[str, Any] = {name: history[-1][1] for name in LIMITS if (history := limit_history(run, name))}
+    held = control.held_at(time + 0.5 * run.sample_time)
+    return Record(time, held, values, setpoint, control_before, **limits)

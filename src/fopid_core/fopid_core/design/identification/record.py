@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +40,8 @@ class Record:
         The control at which the process rested before the first instant, where that is known.
     left_out : int
         Rows of the source that had a gap and are not here.
+    control_min, control_max, control_rate_max : float
+        Limits of the control and of its moves per second, where the source says them; else infinite.
 
     Examples
     --------
@@ -53,6 +56,9 @@ class Record:
     setpoint: Floats | None = None
     control_before: float | None = None
     left_out: int = 0
+    control_min: float = -math.inf
+    control_max: float = math.inf
+    control_rate_max: float = math.inf
 
     def __post_init__(self) -> None:
         for name in ("time", "control", "measurement", "setpoint"):
@@ -60,6 +66,9 @@ class Record:
                 self._take(name)
         if self.time.size < FEWEST_SAMPLES:
             raise InputError(f"record of {self.time.size} samples; allowed: {FEWEST_SAMPLES} or more, record longer")
+        if not (self.control_min < self.control_max and self.control_rate_max > 0.0):
+            given = f"control from {self.control_min:g} to {self.control_max:g}, rate up to {self.control_rate_max:g}"
+            raise InputError(f"{given}; allowed: the lower limit first, a rate above 0")
         behind = np.flatnonzero(np.diff(self.time) <= 0.0)
         if behind.size:
             given = f"time = {self.time[behind[0] + 1]:g} at row {behind[0] + 2}"
@@ -105,6 +114,7 @@ class Record:
         inside = (self.time >= first) & (self.time <= last)
         setpoint = None if self.setpoint is None else self.setpoint[inside]
         before = self.control_before if inside[0] else None
-        return Record(
-            self.time[inside], self.control[inside], self.measurement[inside], setpoint, before, self.left_out
-        )
+        return replace(
+            self, time=self.time[inside], control=self.control[inside], measurement=self.measurement[inside],
+            setpoint=setpoint, control_before=before,
+        )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -33,9 +34,11 @@ def limit_history(run: Run, name: str) -> list[tuple[float, float]]:
     >>> limit_history(run, "control_max")
     [(0.0, 3.0), (5.0, 2.0)]
     """
-    written = (run.experiment.get("controller") or {}).get(name)
-    first = [] if written is None else [(float(run.signals["measurement"].time[0]), float(written))]
-    return first + [(change.time, float(change.value)) for change in run.parameters if change.name == name]
+    controller = run.experiment.get("controller")
+    written = controller.get(name) if isinstance(controller, Mapping) else None
+    told = [(float(run.signals["measurement"].time[0]), written)]
+    told += [(change.time, change.value) for change in run.parameters if change.name == name]
+    return [(time, float(value)) for time, value in told if isinstance(value, int | float)]
 
 
 def limits_text(run: Run) -> str:

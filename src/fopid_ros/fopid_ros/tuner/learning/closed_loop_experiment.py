@@ -8,11 +8,12 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from fopid_core.design.identification.noise import resolution
 from fopid_core.errors import InputError
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
 from fopid_ros.tuner.learning.gain_update import TICKS_MIN
 from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
-from fopid_ros.tuner.learning.loop_baseline import STEADY_STATE_SHARE, LoopBaseline, integral_time, resolution
+from fopid_ros.tuner.learning.loop_baseline import STEADY_STATE_SHARE, LoopBaseline, integral_time
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fopid_core.design.identification.noise import resolution, white_level
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
@@ -75,8 +76,7 @@ class LoopBaseline:
         first, second = np.array_split(measured, 2)
         self.drift = float(second.mean() - first.mean())
         self.swing = 0.5 * float(np.ptp([part.mean() for part in np.array_split(measured, 10)]))
-        # Third differences leave white noise sqrt(20) times as large, and little of what swings.
-        self.noise = max(float(np.std(np.diff(measured, 3))) / math.sqrt(20.0), resolution(measured) / math.sqrt(12.0))
+        self.noise = max(float(white_level(measured)), resolution(measured) / math.sqrt(12.0))
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
     def _chosen_deviation(self, travel: float) -> float:
@@ -109,25 +109,6 @@ class LoopBaseline:
         if max(abs(self.offset), abs(self.drift)) > STEADY_STATE_SHARE * self.deviation_max:
             return f"measurement {self.offset:+.4g} off the setpoint, drifting by {self.drift:+.4g}"
         return f"measurement swings by {self.swing:.4g} to either side: a limit cycle or a disturbance"
-
-
-def resolution(values: np.ndarray) -> float:
-    """The step of a quantised signal; 0 where nothing speaks for one.
-
-    Examples
-    --------
-    >>> resolution(np.array([0.5, 0.75, 0.5, 1.25, 1.0, 0.5]))
-    0.25
-    >>> resolution(np.array([0.1, 0.12, 0.17, 0.18]))
-    0.0
-    """
-    moves = np.abs(np.diff(values))
-    moves = moves[moves > 0.0]
-    if moves.size < 2:
-        return 0.0
-    step = float(moves.min())
-    whole = np.abs(moves / step - np.round(moves / step))
-    return step if whole.max() < 1e-3 else 0.0
 
 
 def integral_time(gains: Fopid) -> float:

@@ -1,0 +1,93 @@
+"""What a record says of its sensor: the noise where it rests, and the step in which it is quantised."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopid_core.design.identification.record import Record
+from fopid_core.model.arrays import Floats
+
+_BLOCKS, _SHORTEST, _LONGEST = 20, 16, 200
+"""A record is looked at in so many blocks, each of so many samples at least and at most."""
+_STILL = 1.5
+"""A block rests when it spreads by no more than so many times its noise."""
+_WHOLE = 1e-3
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """The noise of a measurement.
+
+    Attributes
+    ----------
+    level : float
+        Standard deviation, quantisation included; NaN where the measurement nowhere rests.
+    step : float
+        In which it is quantised; 0 where nothing speaks for one.
+    """
+
+    level: float
+    step: float
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it could be measured at rest."""
+        return not math.isnan(self.level)
+
+
+def sensor_noise(record: Record) -> SensorNoise:
+    """The noise in those stretches of a record in which the measurement does nothing else.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 60.0, 0.1)
+    >>> noise = 0.01 * np.random.default_rng(0).standard_normal(600)
+    >>> moved = np.where(time < 30.0, 0.0, 1.0 - np.exp(-0.3 * (time - 30.0)))
+    >>> found = sensor_noise(Record(time, time >= 30.0, moved + noise))
+    >>> round(found.level, 3), found.step
+    (0.01, 0.0)
+    """
+    measured = record.measurement
+    each = min(max(measured.size // _BLOCKS, _SHORTEST), _LONGEST)
+    blocks = measured[: measured.size // each * each].reshape(-1, each)
+    levels = white_level(blocks)
+    still = np.std(blocks, axis=1) <= _STILL * levels
+    step = resolution(measured)
+    if not still.any():
+        return SensorNoise(math.nan, step)
+    return SensorNoise(max(float(np.sqrt(np.mean(levels[still] ** 2))), step / math.sqrt(12.0)), step)
+
+
+def white_level(values: Floats) -> Floats:
+    """Standard deviation of the white noise in signals, shape (..., n): third differences leave little else.
+
+    They leave white noise sqrt(20) times as large, and little of what swings.
+    """
+    level: Floats = np.std(np.diff(values, 3, axis=-1), axis=-1) / math.sqrt(20.0)
+    return level
+
+
+def resolution(values: Floats) -> float:
+    """The step of a quantised signal; 0 where nothing speaks for one.
+
+    Examples
+    --------
+    >>> resolution(np.array([0.5, 0.75, 0.5, 1.25, 1.0, 0.5]))
+    0.25
+    >>> resolution(np.array([0.1, 0.12, 0.17, 0.18]))
+    0.0
+    """
+    moves = np.diff(values)
+    sizes = np.abs(moves[moves != 0.0])
+    if sizes.size < 2:
+        return 0.0
+    step = float(sizes.min())
+    multiples = sizes / step
+    if np.abs(multiples - np.round(multiples)).max() >= _WHOLE:
+        return 0.0
+    moving = np.flatnonzero(moves)
+    straight = np.ptp(moves[moving[0] : moving[-1] + 1]) <= _WHOLE * step  # a line is no staircase
+    return 0.0 if straight else step

@@ -1,0 +1,246 @@
+"""Gains from a record: the process is learnt from it, and so is what bounds the design: noise, limits, sample time."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, identify
+from fopid_core.design.identification.noise import SensorNoise, sensor_noise
+from fopid_core.design.identification.record import Record
+from fopid_core.design.loop_worth import noise_gain
+from fopid_core.design.robust_verification import RobustLimits, RobustTuning, tune_robustly
+from fopid_core.design.specification import Clock, TuningRequest, TuningResult
+from fopid_core.model.loop import Loop
+from fopid_core.model.process import Process
+
+NOISE_SHARE, RECORDED_SHARE = 0.01, 0.05
+"""Share of the control's range by which noise may move it, as a standard deviation; and of the range it had in the
+record, where its limits are not known."""
+HOLDING = 1.5
+"""A bound on the control's peak leaves at least so many times what holds the setpoint."""
+FILTER_ORDER = 2
+SLOWER = (0.5, 0.25, 0.125)
+"""Shares of a crossover that are tried where noise moves the control too much."""
+CLEAR = 0.95
+"""Share of the bound that is aimed at where a design broke it."""
+_NEAR = 0.05
+"""A control that rests within this share of its range from a limit tells nothing of how far it may go."""
+
+
+@dataclass(frozen=True)
+class RecordedBounds:
+    """What a record says that a design must respect; None where it says nothing.
+
+    Attributes
+    ----------
+    sample_time : float
+        [s]
+    noise, noise_density : float
+        Standard deviation of the measurement's noise, and its power spectral density: white at the record's samples.
+    control_from_noise : float
+        By how much noise may move the control, as a standard deviation.
+    u_max, rate_max : float, optional
+        What the limits leave for a unit step of the setpoint, so that the largest step of the record stays within.
+    told : str
+        Where all that is from, for a person.
+    """
+
+    sample_time: float
+    noise: float
+    noise_density: float
+    control_from_noise: float
+    u_max: float | None
+    rate_max: float | None
+    told: str
+
+    def options(self, method: str) -> dict[str, Any]:
+        """They as fields of a request for this method."""
+        found: dict[str, Any] = {"sample_time": self.sample_time}
+        if method == "frequency" and self.u_max is not None:
+            found["u_max"] = self.u_max
+        if method != "time":
+            return found
+        found |= {name: getattr(self, name) for name in ("u_max", "rate_max") if getattr(self, name) is not None}
+        if self.noise > 0.0:
+            found |= {
+                "noise_density": self.noise_density,
+                "noise_rms_max": self.control_from_noise,
+                "filter_order": FILTER_ORDER,
+            }
+        return found
+
+
+@dataclass(frozen=True)
+class RecordedTuning:
+    """Gains from a record.
+
+    Attributes
+    ----------
+    success : bool
+    message : str
+    identified : IdentificationResult
+    noise : SensorNoise
+    bounds : RecordedBounds or None
+        None where no process was learnt.
+    request : TuningRequest or None
+        What was asked of the design, in the end.
+    tuned : RobustTuning or None
+        Verified on all that the record leaves possible.
+    taken : mapping
+        Fields of the request that the record gave.
+    """
+
+    success: bool
+    message: str
+    identified: IdentificationResult
+    noise: SensorNoise
+    bounds: RecordedBounds | None = None
+    request: TuningRequest | None = None
+    tuned: RobustTuning | None = None
+    taken: Mapping[str, Any] = field(default_factory=dict)
+
+
+def recorded_bounds(record: Record, best: IdentifiedModel, noise: SensorNoise, sample_time: float) -> RecordedBounds:
+    """What a record says beside its process.
+
+    Parameters
+    ----------
+    record : Record
+    best : IdentifiedModel
+        Learnt from it; where the measurement nowhere rests, what this leaves unexplained counts as noise.
+    noise : SensorNoise
+    sample_time : float
+        Of the controller as it will run [s].
+    """
+    level = noise.level if noise.at_rest else best.noise
+    seen = "at rest" if noise.at_rest else "as the model leaves it, since the measurement nowhere rests"
+    parts = [f"sample time {sample_time:.4g} s", f"noise {level:.3g} {seen}"]
+    if noise.step:
+        parts.append(f"quantised in steps of {noise.step:.3g}")
+    room = record.control_max - record.control_min
+    if math.isfinite(room):
+        allowed, of = NOISE_SHARE * room, f"{100 * NOISE_SHARE:g} % of the range {room:.4g}"
+    else:
+        allowed = RECORDED_SHARE * float(np.ptp(record.control))
+        of = f"{100 * RECORDED_SHARE:g} % of its moves in the record, which says no limits"
+    if level > 0.0:
+        parts.append(f"noise may move the control by {allowed:.3g}, {of}")
+    step = _largest_step(record)
+    u_max = _peak(record, best.process, step)
+    rate_max = record.control_rate_max / step if step and math.isfinite(record.control_rate_max) else None
+    if u_max is not None:
+        parts.append(f"limits leave a control peak of {u_max:.4g} to a unit step, for steps of {step:.3g}")
+    density = level**2 * record.sample_time
+    return RecordedBounds(sample_time, level, density, allowed, u_max, rate_max, ", ".join(parts))
+
+
+def _largest_step(record: Record) -> float:
+    """Of the setpoint; where there is none, half of how far the measurement went."""
+    moved = 0.0 if record.setpoint is None else float(np.abs(np.diff(record.setpoint)).max())
+    return moved or 0.5 * float(np.ptp(record.measurement))
+
+
+def _peak(record: Record, process: Process, step: float) -> float | None:
+    """How far the control may go from where it mostly was, to the nearer limit, over a step."""
+    usual, limits = float(np.median(record.control)), (record.control_min, record.control_max)
+    room = min(abs(limit - usual) for limit in limits)
+    wide = limits[1] - limits[0]
+    if not (step and math.isfinite(room)) or (math.isfinite(wide) and room < _NEAR * wide):
+        return None
+    return max(room / step, HOLDING / abs(process.steady_state_gain))
+
+
+def tune_recorded(
+    record: Record,
+    method: str,
+    options: Mapping[str, Any] | None = None,
+    limits: RobustLimits | None = None,
+    template: str = "all",
+    clock: Clock = time.perf_counter,
+) -> RecordedTuning:
+    """Learn the process from a record and tune on it, under the bounds that the record gives.
+
+    Parameters
+    ----------
+    record : Record
+    method : str
+        ``frequency``, ``time`` or ``rule``.
+    options : mapping, optional
+        Fields of the request that somebody has given: they win over those of the record.
+    limits : RobustLimits, optional
+        What must hold on every process that the record leaves possible.
+    template : str
+        What to learn, as `identify` takes it.
+    clock : callable
+        Gives the time [s].
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 60.0, 0.5)
+    >>> rest = 0.01 * np.random.default_rng(0).standard_normal(120)
+    >>> moved = 2.0 * -np.expm1(-np.maximum(time - 20.0, 0.0) / 5.0)
+    >>> found = tune_recorded(Record(time, time >= 20.0, moved + rest, control_max=5.0), "frequency", template="foptd")
+    >>> found.success, found.taken["sample_time"], round(found.bounds.noise, 3)
+    (True, 0.5, 0.01)
+    """
+    given = {name: value for name, value in (options or {}).items() if value is not None}
+    noise = sensor_noise(record)
+    identified = identify(record, template, clock, noise.level if noise.at_rest else 0.0)
+    best = identified.best
+    if not identified.success or best is None:
+        return RecordedTuning(False, identified.message, identified, noise)
+    bounds = recorded_bounds(record, best, noise, given.get("sample_time", record.sample_time))
+    own = bounds.options(method)
+    if "noise_max" in given:
+        own = {name: value for name, value in own.items() if not name.startswith("noise_")}
+    taken = {name: value for name, value in own.items() if name not in given}
+    request = TuningRequest(best.process, method, **{**own, **given})
+    request, tuned = _quiet(identified, request, given, limits or RobustLimits(), bounds, clock)
+    success, told = tuned.success, tuned.message
+    if success and tuned.tuning is not None and (moved := _control_noise(best.process, tuned.tuning, bounds)):
+        told = f"{told}; noise moves the control by {moved:.3g}"
+        if moved > bounds.control_from_noise and _is_free(request, given):
+            success, told = False, f"{told}, {bounds.control_from_noise:.3g} is allowed: no quieter design was found"
+    message = f"{identified.message}; from the record: {bounds.told}; {told}"
+    return RecordedTuning(success, message, identified, noise, bounds, request, tuned, taken)
+
+
+def _quiet(
+    identified: IdentificationResult, request: TuningRequest, given: Mapping[str, Any], limits: RobustLimits,
+    bounds: RecordedBounds, clock: Clock,
+) -> tuple[TuningRequest, RobustTuning]:  # fmt: skip
+    """The design, or a quieter one where noise moves the control too far and nobody has said what decides that."""
+    tuned = tune_robustly(identified, request, limits, clock)
+    first = tuned.tuning
+    if first is None or first.achieved is None or not _is_free(request, given):
+        return request, tuned
+    for share in SLOWER:
+        excess = _control_noise(request.process, tuned.tuning, bounds) / max(bounds.control_from_noise, 1e-300)
+        if excess <= 1.0:
+            break
+        if request.method == "frequency":
+            request = replace(request, crossover=share * first.achieved.crossover)
+        elif request.noise_rms_max is not None:  # by as much less as sampling adds to it
+            request = replace(request, noise_rms_max=CLEAR * request.noise_rms_max / excess)
+        tuned = tune_robustly(identified, request, limits, clock)
+    return request, tuned
+
+
+def _is_free(request: TuningRequest, given: Mapping[str, Any]) -> bool:
+    """Whether nobody has said what decides how far noise moves the control."""
+    decide = {"frequency": ("crossover",), "time": ("noise_max", "noise_rms_max", "filter_order")}
+    return request.method in decide and not any(name in given for name in decide[request.method])
+
+
+def _control_noise(process: Process, tuning: TuningResult | None, bounds: RecordedBounds) -> float:
+    """By how much noise moves the control of a design, as a standard deviation; 0 without a design or noise."""
+    if tuning is None or tuning.controller is None or not bounds.noise:
+        return 0.0
+    loop = Loop(process, tuning.controller, tuning.filter, tuning.weights)
+    return bounds.noise * noise_gain(loop, bounds.sample_time)

@@ -1,0 +1,99 @@
+"""What a record says of noise, limits and sample time bounds the design, and holds when the loop runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fopid_core.design.recorded_tuning import NOISE_SHARE, RecordedTuning, tune_recorded
+from fopid_core.design.robust_verification import RobustLimits
+from fopid_core.model.loop import Loop
+from fopid_core.model.process import read_process
+from fopid_core.model.response import step_response
+from fopid_core.runtime.controller import FopidController
+from fopid_core.runtime.plant import Plant, PlantSettings
+from fopid_core.runtime.settings import as_designed
+from fopid_core.runtime.simulation import Trace, simulate
+
+from .identification.recorded import open_loop, step_record
+
+PROCESS, H, NOISE = "2/(10s+1)*exp(-3s)", 1.0, 0.02
+FEW = RobustLimits(samples=5)
+RECORD = step_record(PROCESS, 150.0, H, NOISE)
+WITHIN = replace(RECORD, control_min=-1.0, control_max=4.0)
+
+
+def running(found: RecordedTuning, ticks: int, setpoint: float, noise: float) -> Trace:
+    """The loop of the design with the plant that was recorded, from rest."""
+    assert found.tuned is not None
+    assert found.tuned.tuning is not None
+    tuning = found.tuned.tuning
+    assert tuning.controller is not None
+    settings = as_designed(tuning.controller, H, tuning.filter, tuning.weights)
+    plant = Plant(PlantSettings(read_process(PROCESS), H, "exact", noise_std=noise, seed=3))
+    return simulate(FopidController(settings), plant, ticks, lambda _: setpoint)
+
+
+def test_sample_time_noise_and_limits_are_those_of_the_record() -> None:
+    found = tune_recorded(WITHIN, "time", {"structure": "pi", "index": "iae"}, FEW, template="foptd")
+    assert found.success, found.message
+    assert found.bounds is not None
+    assert found.bounds.noise == pytest.approx(NOISE, rel=0.1)
+    assert found.taken["sample_time"] == H
+    assert found.taken["noise_rms_max"] == pytest.approx(NOISE_SHARE * 5.0)
+    # the control was mostly 1, 2 below its lower limit; without a setpoint half of the way counts as a step
+    assert found.taken["u_max"] == pytest.approx(2.0 / 1.0, rel=0.1)
+    for said in ("sample time 1 s", "noise 0.0", "at rest", "1 % of the range 5"):
+        assert said in found.message
+
+
+@pytest.mark.parametrize("method", ["frequency", pytest.param("time", marks=pytest.mark.slow)])
+def test_noise_moves_the_control_of_the_running_loop_as_little_as_was_said(method: str) -> None:
+    found = tune_recorded(WITHIN, method, limits=FEW, template="foptd")
+    assert found.success, found.message
+    moved = float(np.std(running(found, 6000, 0.0, NOISE).control[500:]))
+    assert moved < 1.1 * NOISE_SHARE * 5.0
+    told = float(found.message.rpartition("noise moves the control by ")[2])
+    assert told == pytest.approx(moved, rel=0.15)  # the noise that was found, and 5500 samples of it
+
+
+def test_the_loop_overshoots_hardly_more_at_the_records_sample_time_than_as_designed() -> None:
+    found = tune_recorded(RECORD, "frequency", limits=FEW, template="foptd")
+    assert found.tuned is not None
+    assert found.tuned.tuning is not None
+    assert found.tuned.tuning.controller is not None
+    designed = step_response(Loop(read_process(PROCESS), found.tuned.tuning.controller), 100.0, "setpoint")
+    assert running(found, 100, 1.0, 0.0).measurement.max() < designed.output.max() + 0.03
+
+
+@pytest.mark.slow
+def test_a_noisier_record_gives_a_slower_design() -> None:
+    noisy = replace(
+        WITHIN, measurement=WITHIN.measurement + np.random.default_rng(5).normal(0.0, 0.1, RECORD.time.size)
+    )
+    crossovers = []
+    for record in (WITHIN, noisy):
+        found = tune_recorded(record, "frequency", limits=FEW, template="foptd")
+        assert found.tuned is not None
+        assert found.tuned.tuning is not None
+        assert found.tuned.tuning.achieved is not None
+        crossovers.append(found.tuned.tuning.achieved.crossover)
+    assert crossovers[1] < 0.7 * crossovers[0]
+
+
+def test_what_is_asked_for_wins() -> None:
+    asked = {"sample_time": 0.5, "crossover": 0.05, "u_max": 3.0}
+    found = tune_recorded(WITHIN, "frequency", asked, FEW, template="foptd")
+    assert found.request is not None
+    assert {name: getattr(found.request, name) for name in asked} == asked
+    assert not asked.keys() & found.taken.keys()
+
+
+def test_a_record_that_tells_nothing_is_refused_with_its_reason() -> None:
+    still = open_loop(PROCESS, np.zeros(100), H, NOISE)
+    found = tune_recorded(still, "frequency")
+    assert not found.success
+    assert "the control stays at 0" in found.message
+    assert found.tuned is None
