@@ -43,6 +43,44 @@ def first_control(gains: Real, sample_time: float) -> Real:
     return np.asarray(kp + ki * h**lam * rgamma(2.0 + lam) + derivative)
 
 
+def open_control(gains: Real, time: Real) -> Real:
+    """The ideal controller's control while nothing has come back yet, shape (n, instants), at instants above 0 [s].
+
+    Notes
+    -----
+    kp + ki t^lam / Gamma(1 + lam) + kd t^-mu / Gamma(1 - mu), with the setpoint's weights as in ``first_control``. Of
+    gains of one sign it is largest at an end of any interval.
+
+    Examples
+    --------
+    >>> open_control(np.array([[2.0, 1.0, 0.5, 1.0, 1.0]]), np.array([0.5, 3.0])).tolist()
+    [[2.5, 5.0]]
+    """
+    kp, ki, kd, lam, mu = _setpoint_columns(gains)
+    return np.asarray(kp + ki * rgamma(1.0 + lam) * time**lam + kd * rgamma(1.0 - mu) * time**-mu)
+
+
+def open_move(gains: Real, time: Real) -> Real:
+    """The slope of ``open_control`` [1/s], shape (n, instants).
+
+    Examples
+    --------
+    >>> open_move(np.array([[2.0, 3.0, 0.0, 2.0, 1.0]]), np.array([0.5])).tolist()
+    [[1.5]]
+    """
+    _, ki, kd, lam, mu = _setpoint_columns(gains)
+    return np.asarray(ki * rgamma(lam) * time ** (lam - 1.0) + kd * rgamma(-mu) * time ** (-mu - 1.0))
+
+
+def _setpoint_columns(gains: Real) -> Real:
+    """kp, ki, kd, lam, mu of what answers a setpoint, each of shape (n, 1)."""
+    columns = gains.T[:5, :, None]
+    if gains.shape[1] == 8:
+        one = np.ones(len(gains))
+        columns = columns * np.stack([gains[:, 6], one, gains[:, 7], one, one])[:, :, None]
+    return np.asarray(columns)
+
+
 @cache
 def _derivative_kick() -> Callable[[Real], Real]:
     """r(mu), read off the controller itself; at a sample time of 1 s, since it does not depend on it."""

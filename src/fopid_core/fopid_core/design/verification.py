@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fopid_core.design.control_peak import first_control
+from fopid_core.design.control_peak import first_control, open_control
 from fopid_core.design.specification import Achieved, Bound, Bounds
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
@@ -167,7 +167,8 @@ def _control(loop: Loop, bounds: Bounds) -> Check:
         except InputError as refusal:
             return Check("control peak", asked, bounds.u_max, math.nan, error, reason=str(refusal))
         later = _running_size(response, loop, bounds.sample_time)
-        value, error = max(value, float(later.max(initial=0.0))), max(error, response.control_accuracy * bounds.u_max)
+        value = max(value, float(later.max(initial=0.0)), _at_the_end_of_the_delay(loop, bounds))
+        error = max(error, response.control_accuracy * bounds.u_max)
     return Check("control peak", asked, bounds.u_max, value, error, reason=reason)
 
 
@@ -207,8 +208,20 @@ def _rate(loop: Loop, bounds: Bounds) -> Check:
 
 
 def _first_control(loop: Loop, bounds: Bounds) -> float:
+    return abs(float(first_control(_row(loop), bounds.sample_time)[0]))
+
+
+def _at_the_end_of_the_delay(loop: Loop, bounds: Bounds) -> float:
+    """How large the control is when the first answer comes: a kink, most likely between two instants of a response."""
+    delay = loop.process.delay
+    if not SMOOTH_TICKS * bounds.sample_time < delay <= bounds.horizon:
+        return 0.0
+    return abs(float(open_control(_row(loop), np.array([delay]))[0, 0]))
+
+
+def _row(loop: Loop) -> Floats:
     row = [*loop.controller.gains, loop.filter.time, loop.weights.proportional, loop.weights.derivative]
-    return abs(float(first_control(np.array([row]), bounds.sample_time)[0]))
+    return np.array([row])
 
 
 def _db(gain: float) -> float:

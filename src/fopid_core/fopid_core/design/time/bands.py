@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -23,6 +24,9 @@ def log_size(values: Complex) -> Real:
 def least_in_bands(values: Real, position: Real, bands: int) -> Real:
     """The least value in each of some bands along the second axis, between points by a parabola, shape (n, bands).
 
+    A parabola goes no further below its points than on an even grid, an eighth of what they differ by; where a position
+    is NaN there is none.
+
     Examples
     --------
     >>> x = np.linspace(-1.0, 1.5, 11)
@@ -41,9 +45,23 @@ def least_in_bands(values: Real, position: Real, bands: int) -> Real:
     with np.errstate(divide="ignore", invalid="ignore"):
         fall, rise = (before - here) / left, (after - here) / right
         slope = rise * left - fall * right
-        bottom = here - 0.25 * slope**2 / ((fall + rise) * (left + right))
+        depth = 0.25 * slope**2 / ((fall + rise) * (left + right))
+        bottom = here - np.minimum(depth, 0.125 * np.maximum(before - here, after - here))
     lowest = (at == least) & (fall >= 0.0) & (rise >= 0.0) & np.isfinite(bottom)
     return np.asarray(np.where(lowest, bottom, flat.take(begins + least)))
+
+
+def smooth_places(log_w: Real, delay: float) -> Real:
+    """Places of frequencies for ``least_in_bands``, NaN where a delay turns by a radian and more to the next one.
+
+    Examples
+    --------
+    >>> smooth_places(np.array([0.0, 1.0, 2.0]), delay=0.5).tolist()
+    [0.0, 1.0, nan]
+    """
+    w = np.exp(log_w)
+    turns = delay * np.diff(w, prepend=w[0]) > 1.0
+    return np.where(turns, math.nan, log_w)
 
 
 def around(peak: float, width: float) -> tuple[float, ...]:

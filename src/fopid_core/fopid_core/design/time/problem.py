@@ -6,14 +6,15 @@ import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fopid_core.design.control_peak import first_control
 from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover, process_gain
 from fopid_core.design.specification import NUMBERS
-from fopid_core.design.time.bands import least_in_bands, log_size
+from fopid_core.design.time.bands import SMALLEST, least_in_bands, log_size, smooth_places
+from fopid_core.design.time.control_bounds import ControlBounds
 from fopid_core.design.time.objectives import LoopResponses
 from fopid_core.design.time.search_response import ResponseGrid, Variables
 from fopid_core.design.time.specification import TimeSpecification
@@ -39,9 +40,6 @@ FILTER_SCALE = 0.1
 """What a filter's time is measured in, in these units."""
 SAFE = 3e-5
 """Share of a bound that is kept clear of in a search, for what its grids do not show."""
-SAFE_CONTROL, SAFE_AT_REST = 1e-3, 0.5
-"""The same for the control signal, which the grid of instants shows less exactly; and of what the bound leaves above
-the control that holds the setpoint, which every controller with integral action comes to."""
 NOISE_BANDS = 6
 NOISE_GRID = {False: (0.1, 60), True: (3e-3, 160)}
 """Lowest frequency, in units of the natural crossover, and points; an integral also counts a slow loop's resonance."""
@@ -51,9 +49,6 @@ STEP = 1e-6
 """Relative change of a number from which slopes are taken."""
 SAFE_RMS = 1e-3
 """The same for an integral over the grid of frequencies."""
-SMALLEST = 1e-300
-SMOOTHED = 4
-"""First instants at which the control signal of a search is not to be believed."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +113,9 @@ class TimeProblem:
         Whether the whole control signal is bounded, not its first sample only, which nearly always is the largest.
     watched : tuple of float
         Further frequencies that are looked at, as ln w.
+    drawn_in : tuple of float
+        Shares of the bounds on the control's size and on its moves that are kept clear of besides, for what the grid
+        of instants does not show.
     """
 
     def __init__(
@@ -129,9 +127,10 @@ class TimeProblem:
         watch_control: bool = False,
         watched: tuple[float, ...] = (),
         bands: int = BANDS,
+        drawn_in: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self.process, self.specification = process, specification
-        self.density, self.watch_control, self.watched = density, watch_control, watched
+        self.density, self.watch_control, self.watched, self.drawn_in = density, watch_control, watched, drawn_in
         self.bands = bands
         self.speed, self.gain = natural_crossover(process, PHASE_MARGIN), process_gain(process)
         self.points = points or enough_points(specification.horizon * self.speed)
@@ -143,12 +142,14 @@ class TimeProblem:
         grid = math.log(self.speed) + math.log(10.0) * np.linspace(-2.5, 2.5, density * bands)
         self._log_w = np.union1d(grid, [*_resonances(process, grid), *watched])
         self._w = np.exp(self._log_w)
+        self._places = smooth_places(self._log_w, process.delay)
         self._p = process(1j * self._w)
         nyquist = math.log(max(math.pi / specification.sample_time, self.speed))
         lowest, count = NOISE_GRID[specification.bounds_noise_rms]
         count *= 2 if bands > BANDS else 1
         grid = np.linspace(math.log(lowest * self.speed), nyquist, count)
         self._log_noise_w = np.union1d(grid, [z for z in watched if z < nyquist])
+        self._noise_places = smooth_places(self._log_noise_w, process.delay)
         self._both_log_w = np.concatenate([self._log_w, self._log_noise_w])
         self._both_s = 1j * np.exp(self._both_log_w)
         self._both_p = process(self._both_s)
@@ -157,8 +158,7 @@ class TimeProblem:
         scale = [1.0 / size, self.speed / size, time / size, 1.0, 1.0, FILTER_SCALE * time, 1.0, 1.0]
         self.scale = np.array(scale[: len(self.variables)])
         self.box = self._box()
-        room = 1.0 - self._grid.control_at_rest / specification.u_max
-        self._safe_control = min(SAFE_CONTROL, SAFE_AT_REST * room) if room > 0.0 else SAFE_CONTROL
+        self._control = ControlBounds(self._grid, specification, process.delay, drawn_in)
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -224,10 +224,10 @@ class TimeProblem:
                 texts.append(f"{name} = {gains[row]:.4g} (range {low:.4g} to {high:.4g})")
         return tuple(texts)
 
-    def changed(self, **changes: int | bool | tuple[float, ...]) -> TimeProblem:
+    def changed(self, **changes: Any) -> TimeProblem:
         """The same problem on other grids."""
-        kept = {name: getattr(self, name) for name in ("points", "density", "watch_control", "watched", "bands")}
-        return TimeProblem(self.process, self.specification, **(kept | changes))
+        kept = ("points", "density", "watch_control", "watched", "bands", "drawn_in")
+        return TimeProblem(self.process, self.specification, **({name: getattr(self, name) for name in kept} | changes))
 
     def restricted(self, numbers: Mapping[str, float]) -> TimeProblem:
         """The same problem with some variables kept at a value, or as near to it as the box lets them be."""
@@ -255,15 +255,11 @@ class TimeProblem:
         if math.isfinite(bounds.mt_max):
             blocks.append(math.log(bounds.mt_max) + self._complementary(sizes))
         if math.isfinite(bounds.u_max):
-            blocks.append(1.0 - np.abs(first_control(gains, bounds.sample_time))[:, None] / bounds.u_max)
-            if self.watch_control:
-                controls = -np.abs(self._controls(gains)[:, SMOOTHED:]) / bounds.u_max
-                later = least_in_bands(controls, self._grid.time[SMOOTHED:], BANDS)
-                blocks.append(1.0 - self._safe_control + later)
+            blocks += self._control.size_slack(gains, self.watch_control)
         if math.isfinite(bounds.noise_max) or bounds.bounds_noise_rms:
             blocks += self._noise_slack(self._noise(sizes))
         if math.isfinite(bounds.rate_max):
-            blocks += self._rate_slack(gains)
+            blocks += self._control.move_slack(gains)
         return np.concatenate(blocks, axis=1) - SAFE if blocks else np.ones((len(gains), 1))
 
     def linearised(self, gains: Real) -> Linearised:
@@ -296,12 +292,11 @@ class TimeProblem:
 
     def largest_control(self, gains: Real) -> Real:
         """Peak of the control after a unit setpoint step, shape (n,), of the controller as it runs."""
-        return np.asarray(np.abs(self._controls(gains)).max(axis=1))
+        return self._control.largest(gains)
 
     def later_control_breaks(self, gains: Real) -> bool:
         """Whether the control of one controller comes too near its bound after its first instants."""
-        largest = np.abs(self._controls(gains[None])[0, SMOOTHED:]).max()
-        return bool(largest > self.specification.u_max * (1.0 - self._safe_control))
+        return self._control.later_breaks(gains)
 
     def final_error(self, gains: Real) -> float:
         """The largest share of a step's error that is left at the horizon, of one controller."""
@@ -319,7 +314,7 @@ class TimeProblem:
     def noise_gain(self, gains: Real) -> Real:
         """Largest |C F S| up to the Nyquist frequency, shape (n,)."""
         noise = self._noise(self._sizes(gains))
-        return np.asarray(np.exp(-least_in_bands(noise, self._log_noise_w, NOISE_BANDS).min(axis=1)))
+        return np.asarray(np.exp(-least_in_bands(noise, self._noise_places, NOISE_BANDS).min(axis=1)))
 
     def _loop(self, gains: Real) -> Complex:
         """L(j w), shape (n, frequencies)."""
@@ -340,13 +335,13 @@ class TimeProblem:
 
     def _sensitivity(self, sizes: Sizes) -> Real:
         """Negative logarithm of the largest |S| in each band, shape (n, bands)."""
-        return least_in_bands(sizes.difference[:, : len(self._w)] - sizes.inverse_filter, self._log_w, self.bands)
+        return least_in_bands(sizes.difference[:, : len(self._w)] - sizes.inverse_filter, self._places, self.bands)
 
     def _complementary(self, sizes: Sizes) -> Real:
         """The same of |T|."""
         here = slice(len(self._w))
         inverse = sizes.difference[:, here] - sizes.controller[:, here] - self._log_p
-        return least_in_bands(inverse, self._log_w, self.bands)
+        return least_in_bands(inverse, self._places, self.bands)
 
     def _noise(self, sizes: Sizes) -> Real:
         """Negative logarithm of |C F S|, shape (n, frequencies)."""
@@ -374,32 +369,19 @@ class TimeProblem:
 
     def _responses(self, gains: Real) -> LoopResponses:
         self.evaluations += len(gains)
-        controls = self._controls(gains) if self.specification.objective.needs_control else None
+        controls = self._control.running(gains) if self.specification.objective.needs_control else None
         errors = np.concatenate([*self._errors(gains)], axis=1)
         loop = None if self.specification.objective.is_integral else self._loop(gains)
         return LoopResponses(self._grid.time, errors, controls, self._w, loop)
 
-    def _controls(self, gains: Real) -> Real:
-        controls = self._grid.controls(gains)
-        controls[:, 1:SMOOTHED] = controls[:, SMOOTHED : SMOOTHED + 1]
-        controls[:, 0] = first_control(gains, self.specification.sample_time)
-        return controls
-
     def _noise_slack(self, noise: Real) -> list[Real]:
         bounds, blocks = self.specification, []
         if math.isfinite(bounds.noise_max):
-            least = least_in_bands(noise, self._log_noise_w, NOISE_BANDS)
+            least = least_in_bands(noise, self._noise_places, NOISE_BANDS)
             blocks.append(math.log(bounds.noise_max) + least)
         if bounds.bounds_noise_rms:
             blocks.append(math.log(bounds.noise_rms_max) - SAFE_RMS - self._noise_rms(noise)[:, None])
         return blocks
-
-    def _rate_slack(self, gains: Real) -> list[Real]:
-        bounds, time = self.specification, self._grid.time
-        first = 1.0 - np.abs(first_control(gains, bounds.sample_time)) / (bounds.rate_max * bounds.sample_time)
-        moves = np.diff(self._controls(gains)[:, SMOOTHED:], axis=1) / (time[1] * bounds.rate_max)
-        later = 1.0 - SAFE_CONTROL + least_in_bands(-np.abs(moves), time[SMOOTHED + 1 :], BANDS)
-        return [first[:, None], later]
 
 
 def enough_points(turns: float) -> int:

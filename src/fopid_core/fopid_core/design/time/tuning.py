@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fopid_core.design.specification import Expired, Progress, no_progress
+from fopid_core.design.specification import Bounds, Expired, Progress, no_progress
 from fopid_core.design.time.bands import around
 from fopid_core.design.time.evolution import evolved
 from fopid_core.design.time.gauss_newton import Descent, begin, descend, fresh
@@ -23,7 +23,7 @@ from fopid_core.design.time.nelder_mead import simplex_search
 from fopid_core.design.time.problem import TimeProblem
 from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.starts import Starts, starts, with_idle_orders
-from fopid_core.design.verification import EXACT
+from fopid_core.design.verification import EXACT, checks
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop_peaks import LoopPeaks
 from fopid_core.model.peaks import Band, Peak
@@ -44,6 +44,10 @@ RIGHT, ROUGHLY_RIGHT = 1e-3, 2e-2
 """Relative error of the cost from which on the time steps are too long; the latter for costs that jump."""
 MOST_WATCHED = 400
 """Frequencies that are added, one exact peak after the other."""
+FAR = np.logspace(3.0, 9.0, 7)
+"""Where a loop's gain is watched whose limit at 0 or infinity is its peak, in units of the natural crossover."""
+DRAWN_FURTHER, MOST_DRAWN_IN = 1.2, 0.5
+"""A bound is drawn in by so many times what the control is above it, and by no larger share of it than the latter."""
 HALF_WAY = 0.2
 """A peak's width is where the logarithm has fallen by this."""
 MOST_POINTS = 1 << 14
@@ -161,6 +165,9 @@ def _better_problem(problem: TimeProblem, found: Descent) -> TimeProblem | None:
     peaks = _peaks_above(problem, found)
     if peaks and len(problem.watched) < MOST_WATCHED:
         return problem.changed(watched=problem.watched + peaks)
+    drawn_in = _drawn_in(problem, found)
+    if max(drawn_in) < MOST_DRAWN_IN and drawn_in != problem.drawn_in:
+        return problem.changed(drawn_in=drawn_in, watch_control=True)
     finer = problem.changed(points=2 * problem.points)
     cost = float(finer.cost_and_slack(gains)[0][0])
     is_right = abs(cost - found.cost) <= (RIGHT if bounds.objective.is_integral else ROUGHLY_RIGHT) * cost
@@ -179,12 +186,37 @@ def _peaks_above(problem: TimeProblem, found: Descent) -> tuple[float, ...]:
     places: list[float] = []
     for bound, on_grid, exact, band in seen:
         if math.isfinite(bound) and (peak := exact(band)).value > max(bound, on_grid(gains)[0] * (1.0 + EXACT)):
-            places += _around(exact, peak)
-    return tuple(places)
+            places += _around(exact, peak) or _towards(exact, problem, peak.frequency)
+    return tuple(place for place in places if place not in problem.watched)
+
+
+def _drawn_in(problem: TimeProblem, found: Descent) -> tuple[float, float]:
+    """By how much the bounds on the control must be drawn in for what the grid of instants does not show."""
+    asked, size, move = problem.specification, *problem.drawn_in
+    if found.slack < 0.0:
+        return size, move
+    bounds = Bounds(sample_time=asked.sample_time, horizon=asked.horizon, u_max=asked.u_max, rate_max=asked.rate_max)
+    for check in checks(problem.loop(found.gains), bounds):
+        if not check.holds and math.isfinite(check.value):
+            above = DRAWN_FURTHER * (check.value / check.bound - 1.0)
+            size, move = (size + above, move) if check.name == "control peak" else (size, move + above)
+    return size, move
+
+
+def _towards(exact: Callable[[Band], Peak], problem: TimeProblem, limit: float) -> tuple[float, ...]:
+    """Frequencies, as ln w, on the way to a limit that is the peak, 0 or infinity."""
+    if limit == 0.0:
+        return tuple(np.log(problem.speed / FAR).tolist())
+    w, delay = problem.speed * FAR, problem.process.delay
+    if delay:  # which turns the loop to and fro for ever
+        turns = np.ceil(w * delay / math.pi)
+        to, fro = turns * math.pi / delay, (turns + 1.0) * math.pi / delay
+        w = np.array([max(pair, key=lambda w: exact((w, w)).value) for pair in zip(to, fro, strict=True)])
+    return tuple(np.log(w).tolist())
 
 
 def _around(exact: Callable[[Band], Peak], peak: Peak) -> tuple[float, ...]:
-    """Frequencies around a peak, as ln w."""
+    """Frequencies around a peak, as ln w; none where it is a limit."""
     if not 0.0 < peak.frequency < math.inf:
         return ()
     place, width = math.log(peak.frequency), 0.5
