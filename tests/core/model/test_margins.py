@@ -181,3 +181,10 @@ def test_a_double_pole_on_the_axis_is_no_surprise(gain: float) -> None:
     loop = Loop(read_process("1/(s^2+1)^2"), Fopid(gain))
     assert margins(loop).ms == pytest.approx(1.0, abs=1e-9)
     assert not stability(loop).stable
+
+
+def test_the_gain_margin_of_a_loop_that_rises_to_its_limit_is_that_at_infinity() -> None:
+    """abs(L) is 0.12 at its first phase crossover and 0.1423 = kd / T where the delay turns without end."""
+    found = margins(Loop(Process.parse("1/(1.376s^0.5+1)*exp(-1.919s)"), Fopid(0.02094, 0.135, 0.1958048, 0.5, 0.5)))
+    assert found.gain_margin == pytest.approx(1.376 / 0.1958048, rel=1e-9)
+    assert found.phase_crossover == math.inf

@@ -40,7 +40,7 @@ class Margins:
         Factor on the loop gain that takes L(jw) through -1; of several the one nearest to 1, infinite when
         there is none.
     phase_crossover : float
-        Where it was taken [rad/s].
+        Where it was taken [rad/s]; infinite where it is the limit there.
     delay_margin : float
         The additional delay [s] that takes L(jw) through -1.
     jitter_margin : float
@@ -103,12 +103,13 @@ def margins(loop: Loop, peaks: LoopPeaks | None = None, *, jitter: bool = True) 
     crossovers = _crossings(lambda x: np.log(np.abs(loop(1j * np.exp(x)))), z, np.log(np.abs(response)))
     phase_margin, crossover, delay_margin, slope = _phase_margin(loop, crossovers)
     phase_crossovers = _phase_crossings(loop, z, response)
-    gain_margin, phase_crossover = _gain_margin(loop, phase_crossovers)
+    at_infinity = limits(loop.open_loop_numerator, loop.open_loop_denominator)[1]
+    gain_margin, phase_crossover = _gain_margin(loop, phase_crossovers, at_infinity)
     sensitivity, complementary = peaks.sensitivity(), peaks.complementary()
     varying = math.nan
     if jitter:
         varying = 1.0 / peaks.weighted_complementary().value if stable else 0.0
-    tolerant = stable and limits(loop.open_loop_numerator, loop.open_loop_denominator)[1] < 1.0
+    tolerant = stable and at_infinity < 1.0
     return Margins(
         phase_margin, crossover, gain_margin, phase_crossover,
         delay_margin if tolerant else 0.0, varying,
@@ -170,10 +171,13 @@ def _phase_crossings(loop: Loop, z: Floats, response: Complexes) -> Floats:
     return np.exp(roots(curve, z[left_half], z[left_half + 1]))
 
 
-def _gain_margin(loop: Loop, phase_crossovers: Floats) -> tuple[float, float]:
-    if phase_crossovers.size == 0:
-        return math.inf, math.nan
+def _gain_margin(loop: Loop, phase_crossovers: Floats, at_infinity: float) -> tuple[float, float]:
+    """The margin and where; with a delay the phase goes on crossing up to infinity, and abs(L) to its limit there."""
     with np.errstate(divide="ignore", over="ignore"):  # no number is large enough a gain for a loop next to nothing
         factors = 1.0 / np.abs(loop(1j * phase_crossovers))
+    if loop.process.delay and 0.0 < at_infinity < math.inf:
+        phase_crossovers, factors = np.append(phase_crossovers, math.inf), np.append(factors, 1.0 / at_infinity)
+    if factors.size == 0:
+        return math.inf, math.nan
     nearest = int(np.argmin(np.abs(np.log(factors))))
     return float(factors[nearest]), float(phase_crossovers[nearest])

@@ -1,8 +1,9 @@
 """The loop in time: step responses with exact fractional powers and exact delay, and how exact they are.
 
-Where there is no delay the transform is inverted on hyperbolas (``delay_free``), otherwise by inverse FFT
-(``delayed``). In both, the poles that ring or grow are found first, all of them, and stand apart (``poles``,
-``modes``): no grid in time or frequency has to resolve them.
+Where there is no delay the transform is inverted on hyperbolas (``delay_free``). With a delay, a loop of whole orders
+is solved from one delay to the next (``method_of_steps``) unless there are too many of them, any other by inverse FFT
+(``delayed``). Where transforms are inverted, the poles that ring or grow are found first, all of them, and stand apart
+(``poles``, ``modes``): no grid in time or frequency has to resolve them.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from fopid_core.model.asymptotics import leading_term
 from fopid_core.model.delay_free import DelayFree
 from fopid_core.model.delayed import Delayed
 from fopid_core.model.loop import Loop
+from fopid_core.model.method_of_steps import Steps
 from fopid_core.model.step_transforms import Source, StepTransforms
 
 if TYPE_CHECKING:
@@ -115,11 +117,11 @@ def step_response(loop: Loop, horizon: float, source: Source = "setpoint", point
     """
     _check(loop, horizon, source, points)
     transforms = StepTransforms.of(loop, source)
-    signals: DelayFree | Delayed
-    if transforms.longest_delay:
-        signals = Delayed.of(transforms, horizon)
-    else:
+    signals: DelayFree | Delayed | Steps
+    if not transforms.longest_delay:
         signals = DelayFree.of(transforms, horizon, None if points is None else horizon / (points - 1))
+    else:
+        signals = Steps.of(transforms, horizon) or Delayed.of(transforms, horizon)
     time = signals.instants() if points is None else np.linspace(0.0, horizon, points)
     (error, control), (doubt, control_doubt) = signals.at(time), signals.error_at(time)
     output = (1.0 if source == "setpoint" else 0.0) - error
