@@ -50,24 +50,24 @@ HABITS = {
     "certify": Habit(5, ("--gains", "--effort")),
     "compare": Habit(0.1),
     "design": Habit(0.1),
-    "evaluate": Habit(28, ("--gains",)),
+    "evaluate": Habit(34, ("--gains",)),
     "explore": Habit(4, ("--port",)),
     "export": Habit(14, ("--out",)),
     "front": Habit(0.2, ("--points",)),
     "identify": Habit(0.6),
     "limit": Habit(0.6, ("--cells",)),
     "reduce": Habit(1),
-    "region": Habit(2, ("--points",)),
+    "region": Habit(1, ("--points",)),
     "repair": Habit(2),
-    "replay": Habit(2, ("--gains",)),
+    "replay": Habit(1, ("--gains",)),
     "report": Habit(0.15),
     "reproduce": Habit(0.2, refused=True),
     "schedule": Habit(2),
-    "simulate": Habit(1),
-    "step": Habit(28, ("--gains",)),
+    "simulate": Habit(0.5),
+    "step": Habit(20, ("--gains",)),
     "tune frequency": Habit(0.4),
-    "tune rule": Habit(8),
-    "tune time": Habit(0.5, ("--timeout",)),
+    "tune rule": Habit(5),
+    "tune time": Habit(0.3, ("--timeout",)),
 }
 GAIN_FIELDS = (
     "kp", "ki", "kd", "lam", "mu", "filter_order", "filter_time", "setpoint_weight", "derivative_setpoint_weight",
@@ -163,16 +163,19 @@ class Fuzzer(TextFuzzer):
         verb = among[int(self.rng.choice(len(among), p=weights / weights.sum()))]
         self.careful = self.happens(0.6)
         habit, command = HABITS[verb], verbs()[verb]
-        line = verb.split()
+        line, bounding = verb.split(), []
         for parameter in command.params:
             if isinstance(parameter, click.Argument):
                 line += [self._argument(verb)] if parameter.required or self.happens(0.9) else []
+            elif parameter.opts[0] in habit.always:
+                bounding += self._option(parameter, always=True)
             else:
-                line += self._option(parameter, always=parameter.opts[0] in habit.always)
+                line += self._option(parameter)
         if habit.refused:
             line += [self.one_of("--points", "x", "--jsn", "")]
-        if not self.careful and self.happens(0.05):
-            line = line[: -int(self.rng.integers(1, 4))] or line
+        elif not self.careful and self.happens(0.05):
+            line = line[: max(len(verb.split()), len(line) - int(self.rng.integers(1, 4)))]
+        line += bounding
         return Line(tuple(part.replace("\0", "") for part in line), self._given(verb) if GIVEN in line else "")
 
     def _argument(self, verb: str) -> str:
@@ -192,7 +195,7 @@ class Fuzzer(TextFuzzer):
             text = text.replace(self.one_of("0.5", "1.0", "P1", "0.1", "0.25", "2"), self.value())
         return text if self.careful or self.happens(0.4) else self.slips(text)
 
-    def _option(self, option: click.Parameter, always: bool) -> list[str]:
+    def _option(self, option: click.Parameter, always: bool = False) -> list[str]:
         name = option.opts[0]
         if name == "--json":
             return [name] * self.happens(0.7)

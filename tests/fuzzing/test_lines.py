@@ -28,6 +28,8 @@ ONCE_BROKEN = [
     ["certify", "s" + 300 * "+0", *GAINS, "--confidence", "0.9"],
     ["report", "s" + 300 * "+0"],
     ["repair", "s" + 300 * "+0"],
+    ["step", "1e-3/((.7s+1)(100s+1)(1e9s+1))*exp(-10s)", "--gains", "10,1e-320,3,2,0.5", "--json"],
+    ["tune", "time", "1/(s+1)", "--start", "1,9,0,2,1", "--bound", "lam=2,2", "--bound", "ki=9,9", "--timeout", "1"],
     ["step", "1.42/(0.484s+1)*exp(-0.403s)", "--gains", "0.691,0.437,0,1,1", "--horizon", "2.418"],
 ]
 

@@ -35,6 +35,9 @@ HORIZON_RANGE = (1e-12, 1e12)
 MOST_POINTS = 5_000_000
 """Instants that a response is given at, at most."""
 
+LEAST_COEFFICIENT = 1e-250
+"""Of the loop, in size: below it quotients are no numbers any more."""
+
 WORST_ACCURACY = 1e-2
 """What is less accurate than this is refused."""
 
@@ -173,4 +176,9 @@ def _check(loop: Loop, horizon: float, source: str, points: int | None) -> None:
         raise InputError(
             f"mu = {loop.controller.mu:g} on a process with delay of relative degree {loop.process.relative_degree:g}: "
             "the loop gain grows with frequency and the loop has no response; allowed: at most the relative degree"
+        )
+    least = min(abs(term.coefficient) for term in loop.characteristic.terms)
+    if least < LEAST_COEFFICIENT:
+        raise InputError(
+            f"gains: a coefficient of the loop is {least:.2g}; allowed: 0, or at least {LEAST_COEFFICIENT:g} in size"
         )

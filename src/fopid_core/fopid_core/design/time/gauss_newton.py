@@ -64,8 +64,8 @@ class Descent:
 
 
 def begin(problem: TimeProblem, rows: Real) -> list[Descent]:
-    """Descents before their first step, from rows (kp, ki, kd, lam, mu)."""
-    return _descents(rows, *problem.cost_and_slack(rows))
+    """Descents before their first step, from rows (kp, ki, kd, lam, mu), which may be none."""
+    return _descents(rows, *problem.cost_and_slack(rows)) if len(rows) else []
 
 
 def _descents(rows: Real, cost: Real, slack: Real) -> list[Descent]:

@@ -273,8 +273,7 @@ class _Search:
             begun += evolved(problem, self.seed, self.expired)
         elif not polish_only:
             others = starts(problem, self.seed)
-            drawn = begin(problem, others.drawn) if len(others.drawn) else []
-            begun += sorted(drawn, key=_merit)[:BEGUN] + self._simpler_optima(problem, others)
+            begun += sorted(begin(problem, others.drawn), key=_merit)[:BEGUN] + self._simpler_optima(problem, others)
         if not begun:
             return []
         ended = begun if stochastic else self._ended(problem, begun, followed if polish_only else 0)
@@ -292,7 +291,7 @@ class _Search:
         found: list[Descent] = []
         for i, (name, simpler, rows) in enumerate(others.structured):
             self.report(0.05 + 0.3 * i / len(others.structured), "descending in simpler structures")
-            begun = sorted(begin(simpler, rows), key=_merit)[:BEGUN_EACH] if len(rows) else []
+            begun = sorted(begin(simpler, rows), key=_merit)[:BEGUN_EACH]
             if self.specification.objective.is_integral:
                 begun = [descend(simpler, descent, FIRST_STEPS, expired=self.expired) for descent in begun]
                 begun = sorted(begun, key=_merit)[:1]
