@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fopid_core.design.defaults import PHASE_MARGIN, gain_sign, natural_crossover
-from fopid_core.design.identification.excitation import LEAST_SHARE, external_share
+from fopid_core.design.identification.excitation import LEAST_SHARE, MOST_MISSED, external_share, missed_share
 from fopid_core.design.identification.fit import Fit, fit
 from fopid_core.design.identification.initial_estimates import initial_parameters, rough_fit
 from fopid_core.design.identification.quality import (
@@ -39,8 +39,9 @@ SIMPLER = 1.01
 """A model with fewer numbers is preferred while its held-back error is at most so many times the smallest."""
 LEAST_FIT = 80.0
 """Below this fit [%] the control explains too little of the measurement, unless the rest is white noise."""
-NOISES, LEAST_FIT_IN_NOISE = 1.5, 50.0
-"""Unless it leaves no more than so many times the noise that was measured at rest, and still explains so much [%]."""
+NOISES, MISSED_IN_NOISE, LEAST_FIT_IN_NOISE = 1.5, 0.1, 50.0
+"""Unless it leaves no more than so many times the noise that was measured at rest, or misses no more than that share of
+what an experiment has moved, and still explains so much [%]."""
 MOST_DEVIATION = 0.25
 """Largest standard deviation of the model at its natural crossover, as a share of its size."""
 SHORTEST = 3.0
@@ -64,6 +65,7 @@ _FEEDBACK = (
     "the control only answers the measurement, so the record shows the controller and not the process: "
     "move the setpoint, or add a step or a PRBS to the control"
 )
+_LARGER = "experiment longer, or with larger moves of the control"
 _STABILISE = "stabilise the process first and record it in closed loop"
 
 
@@ -321,8 +323,14 @@ def _refusal_before(record: Record) -> str:
 
 def _refusal(record: Record, best: IdentifiedModel, noise: float) -> str:
     """Why the best model may not be used."""
+    missed = _missed(record, best)
+    if missed == math.inf:
+        return f"disturbances have moved the measurement more than the experiment has: {_LARGER}"
+    if missed > MOST_MISSED:
+        return f"the model misses {min(100.0 * missed, 100.0):.0f} % of what the experiment has moved: {_LARGER}"
     explains_little = best.fit_pct < LEAST_FIT and not best.whiteness.white
-    if explains_little and (best.noise > NOISES * noise or best.fit_pct < LEAST_FIT_IN_NOISE):
+    known_rest = best.noise <= NOISES * noise or missed < MISSED_IN_NOISE
+    if explains_little and (not known_rest or best.fit_pct < LEAST_FIT_IN_NOISE):
         return f"the control explains only {max(best.fit_pct, 0.0):.0f} % of the measurement: {_advice(record)}"
     if not process_stability(best.process).stable:
         return f"the model that fits best is unstable: {_STABILISE}"
@@ -338,6 +346,14 @@ def _refusal(record: Record, best: IdentifiedModel, noise: float) -> str:
             "would work; record longer, with larger moves of the control, or with a PRBS experiment"
         )
     return ""
+
+
+def _missed(record: Record, best: IdentifiedModel) -> float:
+    """Of what an experiment has moved, the share that the model misses; NaN where none is known."""
+    if record.excitation is None or not record.excitation.any():
+        return math.nan
+    time, measurement, explained = best.simulated
+    return missed_share(record, time, measurement, measurement - explained)
 
 
 def _advice(record: Record) -> str:

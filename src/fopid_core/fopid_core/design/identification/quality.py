@@ -91,7 +91,7 @@ def noise_power(found: Fit) -> float:
     """Variance of the residual, times how many samples of it count as one."""
     residual = found.residual[found.rows]
     freedom = max(residual.size - int(_inside(found).sum()), 1)
-    return float(residual @ residual) / freedom * _correlation_time(residual)
+    return float(residual @ residual) / freedom * correlation_time(residual)
 
 
 def _inside(found: Fit) -> Booleans:
@@ -103,7 +103,7 @@ def _inside(found: Fit) -> Booleans:
     return free
 
 
-def _correlation_time(residual: Floats) -> float:
+def correlation_time(residual: Floats) -> float:
     """In samples; 1 for white noise."""
     rho = autocorrelation(residual, residual.size // 4)
     end = int(np.argmax(rho <= 0.0)) if np.any(rho <= 0.0) else rho.size

@@ -42,6 +42,8 @@ class Record:
         Rows of the source that had a gap and are not here.
     control_min, control_max, control_rate_max : float
         Limits of the control and of its moves per second, where the source says them; else infinite.
+    excitation : ndarray, optional
+        What an experiment has added to the control, where that is known: a part of the control that answers nothing.
 
     Examples
     --------
@@ -59,9 +61,10 @@ class Record:
     control_min: float = -math.inf
     control_max: float = math.inf
     control_rate_max: float = math.inf
+    excitation: Floats | None = None
 
     def __post_init__(self) -> None:
-        for name in ("time", "control", "measurement", "setpoint"):
+        for name in ("time", "control", "measurement", "setpoint", "excitation"):
             if getattr(self, name) is not None:
                 self._take(name)
         if self.time.size < FEWEST_SAMPLES:
@@ -112,9 +115,9 @@ class Record:
     def part(self, first: float, last: float) -> Record:
         """The samples from one instant to another [s]."""
         inside = (self.time >= first) & (self.time <= last)
-        setpoint = None if self.setpoint is None else self.setpoint[inside]
+        setpoint, excitation = (None if x is None else x[inside] for x in (self.setpoint, self.excitation))
         before = self.control_before if inside[0] else None
         return replace(
             self, time=self.time[inside], control=self.control[inside], measurement=self.measurement[inside],
-            setpoint=setpoint, control_before=before,
+            setpoint=setpoint, control_before=before, excitation=excitation,
         )  # fmt: skip

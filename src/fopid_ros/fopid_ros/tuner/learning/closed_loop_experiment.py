@@ -24,6 +24,8 @@ INTEGRAL_TIMES = 20.0
 """Length of the experiment when nobody says it, in integral times of the present controller."""
 REST_SHARE, LOOKS = 0.1, 10
 """Share of that length over which rest is judged, and how often meanwhile."""
+TICKS_LEAST = 20
+"""So many ticks tell whether the loop rests; a busy machine may lose some."""
 PROBE_SHARE, PROBES = 1.0 / 12.0, 8
 """Share of that length that a probe is held at most, and how many there are at most."""
 FIRST_NOISES, FIRST_RANGE, FIRST_SHARE = 3.0, 0.002, 0.1
@@ -142,6 +144,11 @@ class ClosedLoopExperiment:
             now = ticks[-1].time if ticks else -math.inf
             if not ticks or now - begun[0] < window or now - looked[0] < window / LOOKS:
                 return False
+            if len(ticks) < TICKS_LEAST:
+                if now - begun[0] > duration:
+                    heard = f"{len(ticks)} ticks of the controller heard in {window:.3g} s"
+                    raise InputError(f"{heard}; allowed: {TICKS_LEAST} or more")
+                return False
             looked[0] = now
             loop.measure(list(ticks), self._wanted.deviation_max, self._tap.history.travel("setpoint"))
             return loop.at_steady_state or now - begun[0] > duration
@@ -206,9 +213,9 @@ class ClosedLoopExperiment:
         """Find the amplitude that moves the measurement well beyond its noise, from below."""
         loop = self.loop
         amplitude = self._first_amplitude()
-        seen = max(SEEN_SWINGS * loop.swing, loop.noise)
+        seen = max(SEEN_SWINGS * loop.swing, loop.least_move)
         for _ in range(PROBES):
-            wanted = min(WANTED_SHARE * loop.deviation_max, max(WANTED_NOISES * loop.noise, 2.0 * seen) or math.inf)
+            wanted = min(WANTED_SHARE * loop.deviation_max, max(WANTED_NOISES * loop.least_move, 2.0 * seen))
             excitation = Excitation(self._settings("step", amplitude, 2.0 * PROBE_SHARE * self.duration))
             self._run_excitation(excitation, lambda: 0.05, wanted)
             if not excitation.completed:
@@ -229,7 +236,7 @@ class ClosedLoopExperiment:
         limited = math.isfinite(loop.controller.control_range)
         if not (kp or limited):
             raise InputError("amplitude = 0; allowed: above 0, since kp = 0 and no limits of the control give a scale")
-        sizes = [FIRST_SHARE * loop.deviation_max * kp, FIRST_NOISES * loop.noise * kp]
+        sizes = [FIRST_SHARE * loop.deviation_max * kp, FIRST_NOISES * loop.least_move * kp]
         sizes.append(FIRST_RANGE * loop.controller.control_range if limited else math.inf)
         if not self._most() > 0.0:
             at = f"the control rests at {loop.control:.4g}, at a limit"

@@ -12,6 +12,8 @@ from fopid_core.design.identification.record import Record
 from fopid_core.errors import InputError
 
 SIGNALS = ("setpoint", "measurement", "control")
+EXCITATION = "excitation"
+"""What an experiment adds to the control."""
 MOST = 1_000_000
 """Samples of a signal that are kept at most, 16 MB: an hour at 277 Hz."""
 
@@ -75,7 +77,7 @@ class History:
         self.kept = kept
         self.whole_since = math.inf
         self._lock = threading.Lock()
-        self._samples = {name: Samples() for name in SIGNALS}
+        self._samples = {name: Samples() for name in (*SIGNALS, EXCITATION)}
 
     def add(self, signal: str, time: float, value: float) -> None:
         """Take a sample; a time that runs backwards starts the history anew."""
@@ -138,7 +140,16 @@ class History:
             control=ticks[:, 1],
             measurement=_held(kept["measurement"], ticks[:, 0]),
             setpoint=_held(kept["setpoint"], ticks[:, 0]) if heard else None,
+            excitation=_added(kept[EXCITATION], ticks[:, 0]),
         )
+
+
+def _added(samples: np.ndarray, times: np.ndarray) -> np.ndarray | None:
+    """The addend at each of the times, 0 before the first; None where nothing was added."""
+    if not len(samples):
+        return None
+    added = np.where(times < samples[0, 0], 0.0, _held(samples, times))
+    return added if added.any() else None
 
 
 def _held(samples: np.ndarray, times: np.ndarray) -> np.ndarray:

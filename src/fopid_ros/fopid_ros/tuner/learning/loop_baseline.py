@@ -20,6 +20,8 @@ STEADY_STATE_SHARE, RESTLESS_SHARE = 0.1, 0.2
 NOISES, REACH_SHARE, TRAVEL_SHARE = 40.0, 0.005, 0.1
 """The allowed deviation when nobody says it: so many times the noise, that share of the proportional band (the error
 that moves the control through its whole range), that share of the setpoint's moves."""
+LEAST_MOVE_SHARE = 0.005
+"""Of the allowed deviation, that counts as noise where there is less: simulated sensors have none."""
 SMALL_STEP = 0.25
 """Of the setpoint, as a share of the allowed deviation, that is not to take the control to a limit."""
 
@@ -89,6 +91,11 @@ class LoopBaseline:
             scale = "neither noise nor limits of the control nor a move of the setpoint give a scale"
             raise InputError(f"deviation_max = 0; allowed: above 0, since {scale}")
         return chosen
+
+    @property
+    def least_move(self) -> float:
+        """The smallest move of the measurement that can be told from what it does by itself."""
+        return max(self.noise, LEAST_MOVE_SHARE * self.deviation_max)
 
     @property
     def control_peak(self) -> float:

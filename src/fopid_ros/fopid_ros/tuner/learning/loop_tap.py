@@ -24,7 +24,7 @@ from fopid_msgs.msg import FopidState
 from fopid_ros.common.managed_node import ManagedNode, loop_qos
 from fopid_ros.common.parameters import Spec
 from fopid_ros.common.signals import DEFAULT_TYPE, SignalType, signal_specs, signal_type
-from fopid_ros.tuner.learning.history import SIGNALS, History
+from fopid_ros.tuner.learning.history import EXCITATION, SIGNALS, History
 
 INJECTION = "feedforward"
 HEARD = ("measurement", "control")
@@ -215,6 +215,8 @@ class LoopTap:
     def inject(self, value: float) -> None:
         """Have ``value`` added to the control until told otherwise; from a hook."""
         if self._injection is not None:
+            if value != self._added:
+                self.history.add(EXCITATION, self.history.newest_time("control"), value)
             self._added = value
             self._injection.publish(self._write(value, self._node.get_clock().now().nanoseconds))
 
