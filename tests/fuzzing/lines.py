@@ -84,6 +84,7 @@ SURE = {
     "--figures": ("figures", "more/figures", *PATHS),
     "--plot": ("drawn.png", "drawn.svg", "drawn", "drawn.exe", *PATHS),
     "--check": (GIVEN, RECORD, *PATHS), "--params": (GIVEN, GIVEN, *PATHS), "--replay": (BAG, BAG, RECORD, *PATHS),
+    "--record": RECORDS,
     "--effort": ("0.5", "1", "1e-9", "-1", "nan"), "--timeout": ("1", "2", "0.1", "0", "-1", "nan"),
     "--workers": ("1", "1", "0", "-1", "x"), "--scheduler": ("", "x", "tcp://127.0.0.1"),
     "--port": ("-1", "65536", "x"),
