@@ -45,7 +45,7 @@ CONFIG = Path(__file__).parents[2] / "config"
         ("plant_simulator", "process:='1/(s+x)'", ["character 6", "'x'"]),
         ("plant_simulator", "process:=''", ["empty"]),
         ("plant_simulator", "process:='s/1'", ["not proper"]),
-        ("plant_simulator", "process:='1/(s+exp(-s))'", ["a delay inside"]),
+        ("plant_simulator", "process:='1/(s*exp(-s)+1)'", ["advanced type"]),
         ("plant_simulator", "pade_order:=0", ["pade_order = 0"]),
         ("plant_simulator", "noise_std:=-1.0", ["noise_std = -1.0"]),
         ("fopid_tuner", "process:='1/(s+x)'", ["character 6"]),

@@ -140,7 +140,7 @@ def test_a_killed_demo_leaves_no_process(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("process", "named"), [("1/(s+1", "character 7"), ("s^2/(s+1)", "not proper"), ("1/(s+exp(-s))", "a delay inside")]
+    ("process", "named"), [("1/(s+1", "character 7"), ("s^2/(s+1)", "not proper"), ("1/(s*exp(-s)+1)", "advanced type")]
 )
 def test_a_process_that_cannot_be_run_is_said_in_one_line(tmp_path: Path, process: str, named: str) -> None:
     ended = subprocess.run([BIN / "fopid_demo", "--process", process, "--out", tmp_path / "run"], capture_output=True,

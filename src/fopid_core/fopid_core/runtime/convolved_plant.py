@@ -1,4 +1,4 @@
-"""The plant as it runs, for processes of any order: its exact step response, convolved with the held input."""
+"""The plant as it runs, whatever its orders and delays: its exact step response, convolved with the held input."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.delay_free import DelayFree
+from fopid_core.model.delayed import Delayed
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
@@ -19,6 +20,8 @@ FIRST, MOST = 1 << 12, 1 << 18
 """Samples of the step response that are worked out at first, twice as many whenever they are used up, and at most."""
 WORST = 1e-6
 """Largest error of a step response, relative to its size, that is simulated with."""
+_BEFORE = 1e-9
+"""Of a sample time."""
 
 
 class ConvolvedPlant:
@@ -62,19 +65,25 @@ class ConvolvedPlant:
         late = time > 0.0
         found = np.zeros(count + 1)
         if late.any():
-            signals = DelayFree.of(_open(process.without_delay()), float(time[-1]), h)
-            values, error = -signals.at(time[late])[0], signals.error_at(time[late])[0]
+            signals, seen = _answer(process.without_delay(), time[late], h)
+            values, error = -signals.at(seen)[0], signals.error_at(seen)[0]
             found[1:][late] = values
             self.accuracy = float(np.max(error) / max(float(np.max(np.abs(values))), 1e-300))
             if not self.accuracy <= WORST or not np.isfinite(values).all():
                 raise InputError(f"process {process}: its step response is known to {self.accuracy:.2g} only")
         return np.diff(found)
 
+    def growth(self, count: int) -> Floats:
+        """By how much the response to a unit step of the input grows in each of so many samples."""
+        if self._added.size < count:
+            self._added = self._response(count)
+        return self.gain_factor * self._added[:count]
+
     def reset(self) -> None:
         """Back to rest at the initial output; the noise starts anew."""
         process, begun = self.settings.process, self.settings.initial_output
         gain = process.steady_state_gain
-        if begun and gain == 0.0:
+        if begun and (gain == 0.0 or (math.isinf(gain) and process.numerator.sum_of_order(0.0) == 0.0)):
             raise InputError(f"initial_output = {begun}; allowed: 0, since this process has no other point of rest")
         self._held = begun / gain if begun and math.isfinite(gain) else 0.0
         self._inputs, self._count = np.zeros(FIRST), 0
@@ -128,6 +137,12 @@ def plant_of(settings: PlantSettings) -> AnyPlant:
     return Plant(settings) if settings.process.is_rational else ConvolvedPlant(settings)
 
 
-def _open(process: Process) -> StepTransforms:
-    """A step of the control in open loop, with the sign of an error."""
-    return StepTransforms.of(Loop(process, Fopid(0.0)), "load")
+def _answer(process: Process, time: Floats, sample_time: float) -> tuple[DelayFree | Delayed, Floats]:
+    """The response to a unit step, with the sign of an error, and the instants to read it at.
+
+    Where a delay inside makes it jump at an instant, the sample there is from before, as that of `Plant` is.
+    """
+    transforms = StepTransforms.of(Loop(process, Fopid(0.0)), "load")
+    if not transforms.longest_delay:
+        return DelayFree.of(transforms, float(time[-1]), float(time[0])), time
+    return Delayed.of(transforms, float(time[-1])), np.maximum(time - _BEFORE * sample_time, 0.5 * time[0])

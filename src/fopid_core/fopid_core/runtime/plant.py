@@ -26,7 +26,7 @@ class PlantSettings:
     Attributes
     ----------
     process : Process
-        Proper, with or without one delay; for `Plant` rational, for `ConvolvedPlant` of any orders.
+        For `Plant` rational, with or without one delay; for `ConvolvedPlant` of any orders, with delays inside.
     sample_time : float
         Time between ticks [s]; the input is held in between.
     delay_model : {"pade", "exact"}
@@ -53,8 +53,6 @@ class PlantSettings:
     initial_output: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.process.numerator.has_one_delay and self.process.denominator.has_one_delay):
-            raise InputError(f"process {self.process} has a delay inside; allowed here: powers of s and one delay")
         if not 1e-6 <= self.sample_time <= 1e6:
             raise InputError(f"sample_time = {self.sample_time}; allowed: 1e-06 to 1e+06 [s]")
         if self.delay_model not in get_args(DelayModel):
@@ -206,6 +204,28 @@ class Plant:
         self.output = float(self._c @ self._x) + self._d * late
         self.measurement = self._measure()
         return self.measurement
+
+    def growth(self, count: int) -> Matrix:
+        """By how much the response to a unit step of the input grows in each of so many samples.
+
+        Examples
+        --------
+        >>> plant = Plant(PlantSettings(Process.parse("1/(s+1)*exp(-0.5s)"), sample_time=0.5, delay_model="exact"))
+        >>> plant.growth(3).round(6)  # nothing, then 1 - exp(-0.5) of what is left each time
+        array([0.      , 0.393469, 0.238651])
+        """
+        size = max(count - self._whole, 0)
+        states, power = np.stack([self._b_late, self._b_early], axis=1)[:, :, np.newaxis], self._a
+        while states.shape[2] < size:  # A^k b for twice as many k at a time
+            states = np.concatenate([states, np.einsum("ij,jkl->ikl", power, states)], axis=2)
+            power = power @ power
+        late, early = np.einsum("i,ijk->jk", self._c, states)[:, :size]
+        grown = np.zeros(count)
+        grown[self._whole :] = late
+        grown[self._whole + 1 :] += early[: max(size - 1, 0)]
+        if size:
+            grown[self._whole] += self._d
+        return self.gain_factor * grown
 
     def _measure(self) -> float:
         if self._settings.noise_std == 0.0:

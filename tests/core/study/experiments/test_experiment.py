@@ -39,7 +39,7 @@ def test_demo_starts_from_a_stable_loop_and_reads_back(process: str) -> None:
     ("change", "named"),
     [
         ({"process": "1/(s+"}, "character 6"),
-        ({"process": "1/(s+exp(-s))"}, "a delay inside"),
+        ({"process": "1/(s*exp(-s)+1)"}, "advanced type"),
         ({"proces": "P1"}, "'proces'"),
         ({"sample_time": 0.0}, "sample_time = 0.0"),
         ({"sample_time": "fast"}, "'fast'"),
