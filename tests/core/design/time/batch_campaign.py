@@ -53,14 +53,19 @@ def request(name: str, index: str, ms_max: float, **options: Any) -> TuningReque
 
 
 def keys() -> Iterator[Key]:
-    """Every row there is to be: the evolution, which is soon done, then all seeds, then the restrictions."""
+    """Every row there is to be: the evolution, which is soon done, then all seeds, then the restrictions.
+
+    Of each process one specification after the other, another one of the next process: what has been run when it is
+    stopped is a sample of all processes and of all specifications.
+    """
     names = [list(BATCH)[i * STRIDE % len(BATCH)] for i in range(len(BATCH))]
-    for variants in (["evolution"], [f"seed {seed}" for seed in range(SEEDS)], RESTRICTIONS):
-        for i, name in enumerate(names):
-            for index, ms_max in SPECIFICATIONS:
+    for name in names[:EVOLVED]:
+        yield name, *SPECIFICATIONS[0], "evolution"
+    for variants in ([f"seed {seed}" for seed in range(SEEDS)], RESTRICTIONS):
+        for turn in range(len(SPECIFICATIONS)):
+            for i, name in enumerate(names):
                 for variant in variants:
-                    if variant != "evolution" or (i < EVOLVED and (index, ms_max) == SPECIFICATIONS[0]):
-                        yield name, index, ms_max, variant
+                    yield name, *SPECIFICATIONS[(i + turn) % len(SPECIFICATIONS)], variant
 
 
 def row(key: Key) -> dict[str, Any]:
