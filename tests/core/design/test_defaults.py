@@ -63,3 +63,9 @@ def test_a_process_that_settles_is_measured_by_its_steady_state_gain() -> None:
 def test_a_process_that_takes_a_derivative_has_its_own_time_too(text: str, scale: float) -> None:
     found = natural_crossover(Process.parse(text.format(repr(scale))), math.radians(60.0))
     assert 0.3 < found * scale < 10.0
+
+
+def test_a_pole_on_a_frequency_of_the_grid_is_passed_by() -> None:
+    """1 rad/s is one of them; the lag is half a turn from there on, as beside an oscillator that is not on one."""
+    beside = natural_crossover(Process.parse("1/(s^2+1.0001)"), math.radians(60.0))
+    assert natural_crossover(Process.parse("1/(s^2+1)"), math.radians(60.0)) == pytest.approx(beside, rel=0.03)

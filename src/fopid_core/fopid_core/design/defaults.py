@@ -108,6 +108,9 @@ def _lag_and_gain(process: Process) -> tuple[NDArray[np.float64], NDArray[np.flo
     w = _W if process.delay <= _LONG_DELAY else np.union1d(_W, _W * (_LONG_DELAY / process.delay))
     with np.errstate(all="ignore"):
         value = gain_sign(process) * prompt(1j * w)
+    finite = np.isfinite(value)
+    on_a_pole = np.flatnonzero(~finite[1:-1] & finite[:-2] & finite[2:]) + 1  # of an undamped oscillator
+    w, value = np.delete(w, on_a_pole), np.delete(value, on_a_pole)
     if not np.all(np.isfinite(value)):
         raise InputError(f"process {process} is infinite at some frequency; allowed: give the crossover")
     seen = np.abs(value) > np.finfo(float).tiny

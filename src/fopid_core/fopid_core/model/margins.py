@@ -158,6 +158,8 @@ def _phase_margin(loop: Loop, crossovers: Floats) -> tuple[float, float, float, 
 
 def _phase_crossings(loop: Loop, z: Floats, response: Complexes) -> Floats:
     """Frequencies [rad/s] at which L(jw) crosses the negative real axis."""
+    seen = np.isfinite(response) & (response != 0.0)
+    z, response = z[seen], response[seen]
     sine = response.imag / np.abs(response)
     on_axis = np.abs(sine) < _LEVEL
     z, response, sine = z[~on_axis], response[~on_axis], sine[~on_axis]

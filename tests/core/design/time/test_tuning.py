@@ -191,6 +191,16 @@ def test_processes_that_take_a_derivative_are_tuned_with_nothing_but_their_name(
     assert result.running.stable
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("text", ["1/(s^2+1)", "1/(s^2+0.1)", "2/(s^2+3)"])
+def test_an_undamped_oscillator_is_tuned_with_nothing_but_its_name(text: str) -> None:
+    """A frequency of the grid may lie on its pole, and its gain near there is no measure of the control it takes."""
+    result = tune(TuningRequest(Process.parse(text), method="time", ms_max=2.0))
+    assert result.success, result.unmet
+    assert result.controller is not None
+    assert stability(Loop(Process.parse(text), result.controller)).stable
+
+
 def test_bounds_that_cannot_be_met_leave_the_nearest_stable_design() -> None:
     found = tune_time(read_process("P1"), specification("itae", u_max=0.5))
     assert found is not None

@@ -97,7 +97,7 @@ def time_specification(request: TuningRequest) -> TimeSpecification:
     objective = Objective.of(request.index, request.weights)
     by_setpoint = objective.is_integral and not objective.needs_control
     require(by_setpoint or request.input == "setpoint", "input", request.input, f"setpoint with {request.index}")
-    usual = defaults.U_MAX / abs(defaults.process_gain(process))
+    usual = defaults.U_MAX * max(1.0 / abs(defaults.process_gain(process)), 1.0 / abs(process.steady_state_gain))
     free = request.filter_order > 0 or request.input != "setpoint"
     return TimeSpecification(
         objective=objective,
