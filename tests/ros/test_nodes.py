@@ -134,9 +134,11 @@ def test_realtime_keeps_its_sample_time(graph: Graph) -> None:
     graph.until(setpoint.get_subscription_count, "the controller")
     setpoint.publish(ScalarStamped(value=1.0))
     graph.until(lambda: len(states) > 300, "three seconds of ticks")
-    intervals = sorted(state.sample_interval for state in states[1:])
-    assert intervals[len(intervals) // 2] == pytest.approx(0.01, rel=0.3)
-    assert abs(states[-1].measurement - 1.0) < 0.3
+    stamps = [state.header.stamp.sec + state.header.stamp.nanosec * 1e-9 for state in (states[0], states[-1])]
+    periods, ticks = (stamps[1] - stamps[0]) / 0.01, len(states) - 1
+    assert ticks <= periods + 1.0
+    assert ticks + states[-1].overruns - states[0].overruns >= 0.9 * periods  # however busy the machine is
+    graph.until(lambda: abs(states[-1].measurement - 1.0) < 0.3, "a measurement that follows")
 
 
 def test_values_that_are_not_finite_never_reach_the_output(graph: Graph) -> None:

@@ -55,6 +55,15 @@ class Diagnosed:
             f"level {level!r} with {text!r} (is {self.status.level!r} with {self.status.message!r})",
         )
 
+    def recovered(self) -> None:
+        """Wait for a report without trouble; ticks that are late on a busy machine are none."""
+
+        def well() -> bool:
+            told = [text for text in self.status.message.split("; ") if "ticks late or missing" not in text]
+            return self.status.level != DiagnosticStatus.ERROR and told in ([], ["auto"])
+
+        self.graph.until(well, f"a report without trouble (is {self.status.message!r})")
+
 
 class FedController(Diagnosed):
     """A controller in real time and a sensor: what ``sensor`` and ``setpoint`` are set to is sent every 10 ms."""

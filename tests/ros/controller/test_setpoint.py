@@ -8,12 +8,13 @@ import time
 import pytest
 import rclpy
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from fopid_msgs.msg import FopidState, ScalarStamped
 
-from ..conftest import BIN, Graph
+from ..conftest import BIN, PATIENCE, Graph
 
 NAME = "fopid_controller"
 KEPT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -28,7 +29,8 @@ def publish_once(graph: Graph, value: float) -> None:
     while not publisher.get_subscription_count():
         time.sleep(0.1)
     publisher.publish(ScalarStamped(value=value))
-    time.sleep(0.3)  # `ros2 topic pub --once` gives it 0.1 s, in which a busy machine may not deliver it
+    # `ros2 topic pub --once` gives it 0.1 s, in which a busy machine may not deliver it.
+    assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
     node.destroy_node()
     rclpy.shutdown(context=context)
 
@@ -44,7 +46,7 @@ def test_a_setpoint_published_once_reaches_the_controller_beside_a_tuner(graph: 
     assert graph.node.count_subscribers("/setpoint") == 1
     for k in range(1, times + 1):
         publish_once(graph, float(k))
-        graph.until(lambda k=k: states and states[-1].setpoint == k, f"setpoint {k} of {times}", patience=5.0)
+        graph.until(lambda k=k: states and states[-1].setpoint == k, f"setpoint {k} of {times}")
 
 
 @pytest.mark.slow

@@ -166,7 +166,7 @@ def test_what_is_stamped_ahead_of_the_clock_is_refused_and_counted_and_cannot_ca
 def test_a_rival_whose_clock_is_an_hour_ahead_is_an_error_and_by_choice_the_safe_control(graph: Graph) -> None:
     fed = FedController(graph, {"kp": 1.0, "ki": 0.5, "safe_control": -0.25})
     fed.run(setpoint=1.0, sensor=0.5)
-    fed.diagnosed(OK, "auto")
+    fed.recovered()
     rival = Node("rival", context=graph.context)
     publisher = rival.create_publisher(ScalarStamped, "measurement", 1)
     fed.diagnosed(ERROR, "measurement is published by /rival and /tester")
@@ -180,7 +180,7 @@ def test_a_rival_whose_clock_is_an_hour_ahead_is_an_error_and_by_choice_the_safe
     rival.destroy_publisher(publisher)
     back = fed.wait(lambda state: state.control != -0.25)
     assert back.control == pytest.approx(-0.25, abs=0.01)  # it goes on from there
-    fed.diagnosed(OK, "auto")
+    fed.recovered()
     rival.destroy_node()
 
 

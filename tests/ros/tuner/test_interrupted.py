@@ -164,7 +164,7 @@ def test_a_process_over_ros_is_never_a_file(graph: Graph, tmp_path: Path) -> Non
     pipe = tmp_path / "pipe.yaml"
     os.mkfifo(pipe)
     for kind, name in ((Tune, "tune"), (Reduce, "reduce")):
-        answer = graph.call(kind, f"{TUNER}/{name}", kind.Request(process=str(pipe)), 10.0)
+        answer = graph.call(kind, f"{TUNER}/{name}", kind.Request(process=str(pipe)))
         assert not answer.success
         assert "files are not read" in answer.message
     assert not graph.set(TUNER, process=str(pipe)).successful
