@@ -63,7 +63,7 @@ class Alone:
     def get_logger(self) -> Any:
         return SimpleNamespace(warning=lambda text, **_: self.told.append(text), info=self.said.append)
 
-    def subscription(self, _kind: type, topic: str, callback: Any, _qos: Any) -> Any:
+    def subscription(self, _kind: type, topic: str, callback: Any, _qos: Any, **_: Any) -> Any:
         self.topics[topic] = callback
         return SimpleNamespace(topic_name=topic)
 

@@ -36,6 +36,8 @@ class ArraySignal:
     low, high : float
         What an element can hold.
     by_name : bool
+    raw : bool
+        False: its messages are not read as bytes.
     lacking : str
         What the message that was read last lacked; empty for nothing.
 
@@ -55,6 +57,7 @@ class ArraySignal:
         if not re.fullmatch(r"[A-Za-z]\w*", field):
             raise InputError(f"{signal}.field = {field!r}; allowed: the name of an array, as in position or data")
         self._element = SignalType(type_name, f"{field}[{len(names) - 1}]", signal, scale, offset)
+        self.raw = False
         self.message_type, self.field = self._element.message_type, field
         self.low, self.high = self._element.low, self._element.high
         self._scale, self._offset, self._plain = scale, offset, (scale, offset) == (1.0, 0.0)

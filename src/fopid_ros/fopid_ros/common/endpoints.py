@@ -56,17 +56,22 @@ class Endpoints:
         self._opened.append((opened, self._node.destroy_publisher))
         return opened
 
-    def subscription(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> Subscription:
-        """Open a subscription; raises as ``publisher`` does."""
+    def subscription(
+        self, kind: Any, topic: str, callback: Callable[..., None], qos: QoSProfile, *, raw: bool = False
+    ) -> Subscription:
+        """Open a subscription, whose callback gets bytes when it is ``raw``; raises as ``publisher`` does."""
         opened: Subscription = self._overridable(
-            "subscription", topic, lambda options: self._node.create_subscription(kind, topic, callback, qos, **options)
-        )
+            "subscription", topic,
+            lambda options: self._node.create_subscription(kind, topic, callback, qos, raw=raw, **options),
+        )  # fmt: skip
         self._opened.append((opened, self._node.destroy_subscription))
         return opened
 
-    def fixed_subscription(self, kind: Any, topic: str, callback: Callable[..., None], qos: QoSProfile) -> Subscription:
+    def fixed_subscription(
+        self, kind: Any, topic: str, callback: Callable[..., None], qos: QoSProfile, *, raw: bool = False
+    ) -> Subscription:
         """Open a subscription whose QoS is what it is for, and is not overridden."""
-        opened = self._node.create_subscription(kind, topic, callback, qos)
+        opened = self._node.create_subscription(kind, topic, callback, qos, raw=raw)
         self._opened.append((opened, self._node.destroy_subscription))
         return opened
 

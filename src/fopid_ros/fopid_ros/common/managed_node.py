@@ -74,7 +74,7 @@ def latched_qos(depth: int = 1) -> QoSProfile:
 def take_pending_messages(subscription: Subscription) -> None:
     """Deliver the messages that have arrived but whose callback has not run yet."""
     take = subscription.handle.take_message
-    while (taken := take(subscription.msg_type, False)) is not None:
+    while (taken := take(subscription.msg_type, subscription.raw)) is not None:
         subscription.callback(taken[0])
 
 

@@ -18,6 +18,7 @@ from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
 from fopid_core.errors import InputError
+from fopid_ros.common.cdr import Layout, layout_of
 from fopid_ros.common.named_elements import Named, NamedElement, names_field
 from fopid_ros.common.parameters import Spec, nearest
 
@@ -86,6 +87,8 @@ class SignalType:
     ----------
     message_type : type
     has_header : bool
+    raw : bool
+        Whether messages are read and written as bytes: subscriptions are to be raw ones.
     low, high : float
         What the field can hold, in the signal's unit. Whole numbers are rounded to when written.
     raw_range : tuple of float
@@ -126,15 +129,19 @@ class SignalType:
             raise InputError(f"{owner}scale = {scale}; allowed: {SMALLEST_SCALE:g} and more in size, either sign")
         self._scale, self._offset = scale, offset
         self._unscaled = (scale, offset) == (1.0, 0.0)
-        self._simple = field if len(self._path) == 1 and self._unscaled else None
+        layout = layout_of(self.message_type)
+        self._layout = layout if layout is not None and field in layout.names else None
+        self._place = self._layout.names.index(field) if self._layout is not None else 0
+        self.raw = self._layout is not None
         self.raw_range = _RANGES[self._kinds[-1]]
         self.low, self.high = sorted(scale * end + offset for end in self.raw_range)
 
     def read(self, message: Any) -> float:
-        """The signal in a message; NaN where that lacks the number."""
-        if self._simple is not None:
-            return float(getattr(message, self._simple))
-        number = self._number(message)
+        """The signal in a message, or in its bytes; NaN where that lacks the number."""
+        if self._layout is not None and isinstance(message, bytes):
+            number = float(self._layout.numbers(message)[self._place])
+        else:
+            number = self._number(message)
         return number if self._unscaled else self._scale * number + self._offset
 
     def _number(self, message: Any) -> float:
@@ -167,16 +174,32 @@ class SignalType:
         return found
 
     def writer(self) -> Callable[[float, int], Any]:
-        """A function (value, stamp in nanoseconds) -> message; it fills the same message each time."""
-        message = self.message_type()
-        owner, last = self._owner_for_writing(message)
-        stamp: Time | None = message.header.stamp if self.has_header else None
+        """A function (value, stamp in nanoseconds) -> what is to be published: bytes, or the same message each time."""
         is_float, (low, high) = self._kinds[-1] in ("double", "float"), self.raw_range
+        fill = self._fill_message() if self._layout is None else self._fill_bytes(self._layout)
 
         def write(value: float, stamp_ns: int) -> Any:
             if not self._unscaled:
                 value = min(max((value - self._offset) / self._scale, low), high)
-            number = value if is_float else round(value)
+            return fill(value if is_float else round(value), stamp_ns)
+
+        return write
+
+    def _fill_bytes(self, layout: Layout) -> Callable[[float, int], bytes]:
+        numbers, place, pack = list(layout.defaults), self._place, layout.pack
+
+        def fill(number: float, stamp_ns: int) -> bytes:
+            numbers[place] = number
+            return pack(stamp_ns, numbers)
+
+        return fill
+
+    def _fill_message(self) -> Callable[[float, int], Any]:
+        message = self.message_type()
+        owner, last = self._owner_for_writing(message)
+        stamp: Time | None = message.header.stamp if self.has_header else None
+
+        def fill(number: float, stamp_ns: int) -> Any:
             if isinstance(last, int):
                 owner[last] = number
             else:
@@ -185,7 +208,7 @@ class SignalType:
                 stamp.sec, stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
             return message
 
-        return write
+        return fill
 
     def _owner_for_writing(self, message: Any) -> tuple[Any, str | int]:
         """Message or array that holds the number; arrays on the way grow as long as the path needs."""
@@ -210,6 +233,8 @@ class SignalType:
         """The header's stamp in nanoseconds, None without a header."""
         if not self.has_header:
             return None
+        if self._layout is not None and isinstance(message, bytes):
+            return self._layout.stamp_ns(message)
         stamp = message.header.stamp
         return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 

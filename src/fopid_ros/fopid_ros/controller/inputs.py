@@ -89,7 +89,9 @@ class LoopInputs:
         self.all = (self.setpoint, self.measurement, self.feedforward, self.manual, self.tracking, self.scheduling)
         self.setpoint.received_ns = now()
         self.sampled_ns = 0
-        self._tracking_required, self._scheduled = bool(values["tracking.required"]), False
+        follows, self._scheduled = bool(values["tracking.required"]), False
+        self._required = (self.setpoint, self.measurement, *([self.tracking] if follows else []))
+        self._followed = (*([] if follows else [self.tracking]), self.scheduling)
         self.stamps = Stamps(node, counts)
         self._pending: list[tuple[Input, PendingValues]] = []
         self._subscriptions: list[Subscription] = []
@@ -115,9 +117,8 @@ class LoopInputs:
             self._pending.append((one, ahead))
             self._subscriptions.append(self._listen(one, ahead))
         if not self._lockstep:
-            self._kept = KeptSetpoint(
-                self._node, self._node.endpoints, self._types["setpoint"].message_type, self._take_kept_setpoint
-            )
+            kind = self._types["setpoint"]
+            self._kept = KeptSetpoint(self._node, self._node.endpoints, kind, self._take_kept_setpoint)
 
     def _listen(self, one: Input, ahead: PendingValues) -> Subscription:
         kind, lockstep = self._types[one.name], self._lockstep
@@ -131,7 +132,9 @@ class LoopInputs:
                 if one is self.setpoint and self._kept is not None:
                     self._kept.stop()
 
-        return self._node.endpoints.subscription(kind.message_type, one.name, arrived, loop_qos(lockstep=lockstep))
+        return self._node.endpoints.subscription(
+            kind.message_type, one.name, arrived, loop_qos(lockstep=lockstep), raw=kind.raw
+        )
 
     def _take_kept_setpoint(self, message: Any) -> None:
         kind = self._types["setpoint"]
@@ -198,8 +201,7 @@ class LoopInputs:
 
     def unusable(self, now_ns: int, mode: str) -> list[Input]:
         """The inputs without which the control cannot be worked out, and that are too old or have never come."""
-        required = (self.setpoint, self.measurement, *([self.tracking] if self._tracking_required else []))
-        found = [one for one in required if not one.usable(now_ns)]
+        found = [one for one in self._required if not one.usable(now_ns)]
         if self._scheduled and self.scheduling.missing:
             found.append(self.scheduling)
         if mode == "manual" and not self.manual.missing and not self.manual.usable(now_ns):
@@ -209,8 +211,7 @@ class LoopInputs:
     def dropped(self, now_ns: int) -> list[Input]:
         """The inputs that the loop does without since they are too old."""
         added = [self.feedforward] if self.feedforward.value and self.feedforward.stale(now_ns) else []
-        followed = [*([] if self._tracking_required else [self.tracking]), self.scheduling]
-        return added + [one for one in followed if one.stale(now_ns)]
+        return added + [one for one in self._followed if one.stale(now_ns)]
 
     def facts(self, now_ns: int) -> dict[str, object]:
         """What the diagnostics tell of them."""

@@ -11,8 +11,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 from rclpy.subscription import Subscription
 
+from fopid_ros.common.array_signals import ArraySignal
 from fopid_ros.common.endpoints import Endpoints
 from fopid_ros.common.managed_node import latched_qos
+from fopid_ros.common.signals import SignalType
 
 LOOK_PERIOD = 0.1
 """How often publishers that keep their newest value are looked for [s]."""
@@ -32,13 +34,16 @@ class KeptSetpoint:
     node : Node
     endpoints : Endpoints
         Close it.
-    message_type : type
+    kind : SignalType or ArraySignal
+        How the setpoint travels.
     take : callable
         Takes a message that was kept; of several publishers' the newest.
     """
 
-    def __init__(self, node: Node, endpoints: Endpoints, message_type: Any, take: Callable[[Any], None]) -> None:
-        self._node, self._endpoints, self._message_type, self._take = node, endpoints, message_type, take
+    def __init__(
+        self, node: Node, endpoints: Endpoints, kind: SignalType | ArraySignal, take: Callable[[Any], None]
+    ) -> None:
+        self._node, self._endpoints, self._kind, self._take = node, endpoints, kind, take
         self._topic = node.resolve_topic_name("setpoint")
         self._newest = 0
         self._until = time.monotonic() + LOOK_TIME
@@ -55,7 +60,7 @@ class KeptSetpoint:
             self._close()
         elif self._subscription is None and self._is_kept():
             self._subscription = self._endpoints.fixed_subscription(
-                self._message_type, self._topic, self._on_message, latched_qos()
+                self._kind.message_type, self._topic, self._on_message, latched_qos(), raw=self._kind.raw
             )
 
     def _is_kept(self) -> bool:

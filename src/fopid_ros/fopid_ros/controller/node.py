@@ -24,7 +24,7 @@ from fopid_ros.common.diagnostics import (
 from fopid_ros.common.inputs import Input, is_number
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run
 from fopid_ros.common.message_types import MessageTypes
-from fopid_ros.common.signals import SignalType, header_stamp
+from fopid_ros.common.signals import SignalType
 from fopid_ros.controller.cascade import CascadeLink, check_cascade
 from fopid_ros.controller.control_msgs_output import ControlMsgsOutput
 from fopid_ros.controller.inputs import LoopInputs
@@ -42,7 +42,7 @@ from fopid_ros.controller.parameters import (
 from fopid_ros.controller.retained import check_provenance
 from fopid_ros.controller.sample_intervals import SampleIntervals, check_variable_step
 from fopid_ros.controller.scheduling import Scheduling, check_scheduled_gains, listened_signals, listens
-from fopid_ros.controller.state_message import fill_signals
+from fopid_ros.controller.state_message import STATE, fill_signals
 from fopid_ros.controller.ticking import TickingNode
 
 
@@ -83,7 +83,7 @@ class ControllerNode(TickingNode):
         self._publisher_conflicts = PublisherConflicts(self, LOOP_SIGNALS)
         self._message_types = MessageTypes(self, {name: types[name].message_type for name in listened_signals(values)})
         self._contested_topics: list[str] = []
-        self._state = FopidState()
+        self._state = STATE.record()
         self._update_cached_settings()
         self._open_topics(types)
         self._open_services()
@@ -252,7 +252,7 @@ class ControllerNode(TickingNode):
 
     def _publish_state(self, stamp_ns: int, now_ns: int, state: ControllerState) -> None:
         message = self._state
-        header_stamp(message.header, stamp_ns)
+        message.stamp_ns = stamp_ns
         if self._values["schedule_file"]:
             self._tell_gains()
         # A state that has just been given up is told as it was.
@@ -261,7 +261,7 @@ class ControllerNode(TickingNode):
         message.sample_interval = self._interval if self._sample_interval is None else self._sample_interval
         message.overruns = self._statistics.counts.late_ticks
         message.stale, message.refused = bool(self._unusable), self._statistics.counts.refused_values
-        self._state_publisher.publish(message)
+        self._state_publisher.publish(STATE.pack_record(message))
 
     # What people are told.
 

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from fopid_core.runtime.controller import ControllerState
 from fopid_msgs.msg import FopidState
+from fopid_ros.common.cdr import Layout
 from fopid_ros.controller.inputs import LoopInputs
 
+STATE = Layout(FopidState)
 
-def fill_signals(message: FopidState, state: ControllerState, inputs: LoopInputs, now_ns: int, *, known: bool) -> None:
+
+def fill_signals(message: Any, state: ControllerState, inputs: LoopInputs, now_ns: int, *, known: bool) -> None:
     """Fill in signals and parts.
 
     Parameters
     ----------
-    message : FopidState
+    message : object
+        With the fields of FopidState: ``STATE.record()``.
     state : ControllerState
         Of the controller's last tick.
     inputs : LoopInputs

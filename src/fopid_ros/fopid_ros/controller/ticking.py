@@ -66,16 +66,19 @@ class TickingNode(RememberingNode):
         self._statistics = TickStatistics(values["sample_time"], time.monotonic_ns())
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._tick_clock, self._now = self._time_of_ticks()
+        # The node's time; without /clock that is the system's, which is read faster.
+        simulated = self.get_parameter("use_sim_time").value
+        self._stamp = (lambda: int(self.get_clock().now().nanoseconds)) if simulated else time.time_ns
         self._interval, self._state_sent_ns = 0.0, 0
 
     def open_measurement(self) -> None:
         """Hear the measurement: in lockstep it is the tick."""
-        lockstep = self._lockstep
+        lockstep, kind = self._lockstep, self._types["measurement"]
         self.endpoints.subscription(
-            self._types["measurement"].message_type, "measurement",
+            kind.message_type, "measurement",
             self.guard.wrap("tick", self._lockstep_tick, self._fail_safe) if lockstep
             else self._inputs.take_measurement,
-            loop_qos(lockstep=lockstep, reliable=False),
+            loop_qos(lockstep=lockstep, reliable=False), raw=kind.raw,
         )  # fmt: skip
 
     def open_mode_services(self) -> None:
@@ -148,7 +151,7 @@ class TickingNode(RememberingNode):
             return
         now = self._now()
         self._begin_tick(now)
-        self.tick(self.get_clock().now().nanoseconds, now)
+        self.tick(self._stamp(), now)
 
     def _fail_safe(self) -> None:
         """A tick failed that should not: the safe control, and what controls as new for the next one."""

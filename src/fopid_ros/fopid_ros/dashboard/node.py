@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 from fopid_core.errors import InputError
 from fopid_msgs.msg import FopidState, TuningResult
 from fopid_msgs.srv import Tune
+from fopid_ros.common.cdr import Layout
 from fopid_ros.common.diagnostics import diagnostic_array, diagnostic_status
 from fopid_ros.common.guard import GuardedNode
 from fopid_ros.common.managed_node import latched_qos
@@ -36,6 +37,7 @@ from fopid_ros.dashboard.undo import DESIGN, PROVENANCE, GainHistory, GainSet
 
 SUBSCRIBED = ("setpoint", "measurement", "control")
 PUBLISHED = ("setpoint", "manual_control")
+STATE = Layout(FopidState)
 OTHERS = ("controller", "tuner", "plant")
 
 SPECS = (
@@ -87,7 +89,7 @@ class DashboardNode(GuardedNode, Node):
         self._tune = self.create_client(Tune, f"{names['tuner']}/tune")
         self._save = self.create_client(Trigger, f"{names['controller']}/save_gains")
         self.autotuning = Autotuning(self, names["tuner"], lambda: self._instant, self.health.tuner_is_alive)
-        self.create_subscription(FopidState, f"{names['controller']}/state", self._on_state, LISTENING)
+        self.create_subscription(FopidState, f"{names['controller']}/state", self._on_state, LISTENING, raw=True)
         self.create_subscription(TuningResult, f"{names['tuner']}/result", self._on_result, latched_qos())
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, QoSProfile(depth=100))
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -110,11 +112,11 @@ class DashboardNode(GuardedNode, Node):
 
     # What is heard.
 
-    def _on_state(self, state: FopidState) -> None:
+    def _on_state(self, message: bytes) -> None:
+        state = STATE.unpack(message)
         self.health.take_state(state)
-        stamp = state.header.stamp
         instant = self.history.add(
-            stamp.sec * 1_000_000_000 + stamp.nanosec,
+            state.stamp_ns,
             (state.setpoint, state.measurement, state.control, state.proportional, state.integral, state.derivative),
         )
         if instant == 0.0:  # a new record: the marks are of the one before
@@ -133,8 +135,8 @@ class DashboardNode(GuardedNode, Node):
         """Read the loop's own topics only while no ~/state comes: each reader costs their publishers time."""
         if self.health.silent and not self._heard:
             self._heard = [
-                self.create_subscription(self._kinds[name].message_type, name, self._subscribe(name), LISTENING)
-                for name in SUBSCRIBED
+                self.create_subscription(kind.message_type, name, self._subscribe(name), LISTENING, raw=kind.raw)
+                for name, kind in ((name, self._kinds[name]) for name in SUBSCRIBED)
             ]
         elif not self.health.silent:
             for subscription in self._heard:

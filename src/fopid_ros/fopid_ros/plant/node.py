@@ -102,9 +102,10 @@ class PlantSimulator(ManagedNode):
         self._publisher = self.create_publisher(types["measurement"].message_type, "measurement", qos)
         # The disturbance is created first: in lockstep it is taken before the control that arrives with it.
         self._disturbances = self.create_subscription(
-            types["disturbance"].message_type, "disturbance", self._on_disturbance, qos
+            types["disturbance"].message_type, "disturbance", self._on_disturbance, qos, raw=types["disturbance"].raw
         )
-        self.create_subscription(types["control"].message_type, "control", self._on_control, qos)
+        control = types["control"]
+        self.create_subscription(control.message_type, "control", self._on_control, qos, raw=control.raw)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.background.may_answer_later(self.create_service(Advance, "~/advance", self._on_advance))
         self._clock_message = ClockMessage()

@@ -49,7 +49,7 @@ class JointInputs:
         for name in ("setpoint", "feedforward", "manual_control", *(["tracking"] if tracking else [])):
             self._subscriptions.append(self._listen(name, lockstep=lockstep))
         if not lockstep:
-            kind = self._types["setpoint"].message_type
+            kind = self._types["setpoint"]
             self._kept = KeptSetpoint(
                 self._node, self._node.endpoints, kind, lambda message: self.take("setpoint", message, self._now())
             )
@@ -63,7 +63,9 @@ class JointInputs:
                 if name == "setpoint" and self._kept is not None:
                     self._kept.stop()
 
-        return self._node.endpoints.subscription(kind.message_type, name, arrived, loop_qos(lockstep=lockstep))
+        return self._node.endpoints.subscription(
+            kind.message_type, name, arrived, loop_qos(lockstep=lockstep), raw=kind.raw
+        )
 
     def begin(self) -> None:
         """Forget the order of the samples before."""

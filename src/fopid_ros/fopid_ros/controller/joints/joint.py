@@ -8,11 +8,9 @@ from typing import Any
 
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.controller_bank import Signals
-from fopid_msgs.msg import FopidState
 from fopid_ros.common.inputs import Input
-from fopid_ros.common.signals import header_stamp
 from fopid_ros.controller.inputs import timeouts
-from fopid_ros.controller.state_message import fill_signals
+from fopid_ros.controller.state_message import STATE, fill_signals
 
 
 class Joint:
@@ -41,7 +39,7 @@ class Joint:
             "manual_control": self.manual, "tracking": self.tracking,
         }  # fmt: skip
         self.unusable: tuple[Input, ...] = ()
-        self.message = FopidState()
+        self.message = STATE.record()
         self._on_stale, self._safe = "hold", 0.0
         self._parts_known = False
 
@@ -106,10 +104,10 @@ class Joint:
         added = [self.feedforward] if self.feedforward.value and self.feedforward.stale(now_ns) else []
         return added + ([self.tracking] if self.tracking.stale(now_ns) else [])
 
-    def told(self, stamp_ns: int, now_ns: int) -> FopidState:
-        """Its state as a message."""
+    def told(self, stamp_ns: int, now_ns: int) -> Any:
+        """Its state, with the fields of FopidState."""
         message = self.message
-        header_stamp(message.header, stamp_ns)
+        message.stamp_ns = stamp_ns
         fill_signals(message, self.controller.state, self, now_ns, known=self._parts_known)
         message.stale, message.refused = bool(self.unusable), sum(one.refused for one in self.inputs.values())
         return message

@@ -31,6 +31,7 @@ from fopid_ros.controller.joints.parameters import (
     signal_types,
 )
 from fopid_ros.controller.parameters import SIGNALS, check_file_name, check_timeouts
+from fopid_ros.controller.state_message import STATE
 from fopid_ros.controller.ticking import TickingNode
 
 LISTENERS_PERIOD = 0.2
@@ -199,9 +200,9 @@ class JointsNode(TickingNode):
             return
         for joint, publisher, heard in zip(self._joints, self._state_publishers, self._heard, strict=True):
             if heard:
-                message = joint.told(stamp_ns, now_ns)
-                message.sample_interval, message.overruns = self._interval, self._statistics.counts.late_ticks
-                publisher.publish(message)
+                state = joint.told(stamp_ns, now_ns)
+                state.sample_interval, state.overruns = self._interval, self._statistics.counts.late_ticks
+                publisher.publish(STATE.pack_record(state))
 
     # What people are told.
 

@@ -21,12 +21,14 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from fopid_core.errors import InputError
 from fopid_core.runtime.controller import nearest_turn
 from fopid_msgs.msg import FopidState
+from fopid_ros.common.cdr import Layout
 from fopid_ros.common.managed_node import ManagedNode, loop_qos
 from fopid_ros.common.parameters import Spec
 from fopid_ros.common.signals import DEFAULT_TYPE, SignalType, signal_specs, signal_type
 from fopid_ros.tuner.learning.history import EXCITATION, SIGNALS, History
 
 INJECTION = "feedforward"
+STATE = Layout(FopidState)
 HEARD = ("measurement", "control")
 
 SPECS = (
@@ -106,11 +108,12 @@ class LoopTap:
             return
         if values["dof"]:
             state = f"{values['controller']}/{values['dof']}/state"
-            node.endpoints.subscription(FopidState, state, self._on_joint_state, LISTENING)
+            node.endpoints.subscription(FopidState, state, self._on_joint_state, LISTENING, raw=True)
         else:
             for name in HEARD:
                 self._subscribe(name, types[name])
-            node.endpoints.subscription(FopidState, f"{values['controller']}/state", self._on_state, LISTENING)
+            state = f"{values['controller']}/state"
+            node.endpoints.subscription(FopidState, state, self._on_state, LISTENING, raw=True)
         node.endpoints.timer(REPEAT_PERIOD, self._repeat, Clock(clock_type=ClockType.STEADY_TIME))
 
     def _subscribe(self, name: str, kind: SignalType) -> None:
@@ -119,7 +122,7 @@ class LoopTap:
             age = (time.time_ns() - info["received_timestamp"]) * 1e-9
             self._heard(name, (stamp or self._arrival_ns(info)) * 1e-9, kind.read(message), age)
 
-        self._node.endpoints.subscription(kind.message_type, name, heard, LISTENING)
+        self._node.endpoints.subscription(kind.message_type, name, heard, LISTENING, raw=kind.raw)
 
     def _arrival_ns(self, info: dict[str, int]) -> int:
         """When the transport had the message; a callback may come much later while this process computes."""
@@ -148,22 +151,24 @@ class LoopTap:
         except Exception as error:  # noqa: BLE001  (raised again where the loop is waited for)
             self._hook, self._failed = None, error
 
-    def _on_state(self, message: FopidState, info: dict[str, int]) -> None:
-        """The setpoint, where the controller has one, and when it has changed."""
-        if math.isnan(message.setpoint) or message.setpoint == self.history.newest("setpoint"):
-            return
-        stamp = message.header.stamp
-        stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec if self._by_stamps else self._arrival_ns(info)
-        self._heard("setpoint", stamp_ns * 1e-9, message.setpoint)
+    def _on_state(self, message: bytes, info: dict[str, int]) -> None:
+        self._take_setpoint(STATE.unpack(message), info)
 
-    def _on_joint_state(self, message: FopidState, info: dict[str, int]) -> None:
+    def _take_setpoint(self, state: Any, info: dict[str, int]) -> None:
+        """The setpoint, where the controller has one, and when it has changed."""
+        if math.isnan(state.setpoint) or state.setpoint == self.history.newest("setpoint"):
+            return
+        stamp_ns = state.stamp_ns if self._by_stamps else self._arrival_ns(info)
+        self._heard("setpoint", stamp_ns * 1e-9, state.setpoint)
+
+    def _on_joint_state(self, message: bytes, info: dict[str, int]) -> None:
         """All signals of a joint, at each tick of the controller."""
-        self._on_state(message, info)
-        stamp = message.header.stamp
-        time = stamp.sec + stamp.nanosec * 1e-9
-        if not message.stale:
-            self._heard("measurement", time, message.measurement)
-        self._heard("control", time, message.control)
+        state = STATE.unpack(message)
+        self._take_setpoint(state, info)
+        time = state.stamp_ns * 1e-9
+        if not state.stale:
+            self._heard("measurement", time, state.measurement)
+        self._heard("control", time, state.control)
 
     def set_tick_hook(self, hook: Callable[[Tick], None] | None) -> None:
         """Call ``hook`` at every tick of the controller from now on, on the executor's thread; None for nobody."""
