@@ -27,6 +27,12 @@ def test_the_natural_crossover_leaves_the_margin_to_proportional_control(margin:
     assert found == pytest.approx(math.tan(math.radians(turn)), rel=0.02)
 
 
+def test_a_lag_that_passes_the_margin_a_little_and_comes_back_does_not_set_the_crossover() -> None:
+    """It is 126 degrees at 0.03 rad/s and 95 at 1 rad/s, and 90 more than the delay's from there on."""
+    found = natural_crossover(Process.parse("(10s+1)/(100s+1)^2*exp(-0.01s)"), math.radians(60.0))
+    assert found == pytest.approx(math.radians(30.0) / 0.01, rel=0.03)
+
+
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("text", ["1/({0}s+1)^3", "1/({0}s+1)*exp(-{0}s)", "1/({0}s*({0}s+1))"])
 def test_the_natural_crossover_goes_with_the_processs_own_time(text: str, scale: float) -> None:

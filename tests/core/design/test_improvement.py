@@ -10,7 +10,8 @@ import pytest
 
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import Record
-from fopid_core.design.improvement import RunningGains, improve
+from fopid_core.design.improvement import improve
+from fopid_core.design.loop_judge import RunningGains
 from fopid_core.design.loop_worth import loop_worth, noise_gain
 from fopid_core.design.robust_verification import RobustLimits, tune_robustly
 from fopid_core.design.specification import TuningRequest

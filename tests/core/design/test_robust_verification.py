@@ -16,7 +16,7 @@ from fopid_core.design.robust_verification import (
     robustness,
     tune_robustly,
 )
-from fopid_core.design.specification import TuningRequest
+from fopid_core.design.specification import TuningRequest, TuningResult
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
@@ -61,6 +61,21 @@ def test_a_crossover_that_is_too_much_for_the_limits_is_lowered(learnt: Identifi
     assert found.tuning is not None
     assert found.tuning.achieved is not None
     assert found.tuning.achieved.crossover < 1.0
+
+
+def test_a_design_that_is_refused_gives_way_to_a_more_cautious_one(learnt: IdentificationResult) -> None:
+    eager = TuningRequest(read_process("P1"), phase_margin=math.radians(60.0), crossover=1.0)
+
+    def too_fast(tuning: TuningResult) -> str:
+        return "too fast" if tuning.achieved is None or tuning.achieved.crossover > 0.6 else ""
+
+    found = tune_robustly(learnt, eager, LIMITS, refuse=too_fast)
+    assert found.success, found.message
+    assert found.tuning is not None
+    assert found.tuning.achieved is not None
+    assert 0.4 < found.tuning.achieved.crossover < 0.6
+    never = tune_robustly(learnt, eager, LIMITS, refuse=lambda _: "never")
+    assert (never.success, never.message, never.attempts) == (False, "never", 5)
 
 
 def test_limits_that_no_design_meets_are_refused_with_the_worst(learnt: IdentificationResult) -> None:

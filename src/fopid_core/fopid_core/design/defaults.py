@@ -70,8 +70,15 @@ def natural_crossover(process: Process, phase_margin: float) -> float:
         return float(min(3.0 * less[0], math.sqrt(less[0] * less[-1])))
     if lag.max() - lag[0] < _FLAT:
         return float(w[np.argmin(lag)])
-    wished = min(wished, lag[0] + 0.9 * (lag.max() - lag[0]))
-    return float(w[np.flatnonzero(lag >= wished)[0]])
+    reached = lag[0] + 0.9 * (lag.max() - lag[0])
+    return float(w[np.argmax(lag >= reached) if reached < wished else _where_it_stays_beyond(lag, wished)])
+
+
+def _where_it_stays_beyond(lag: NDArray[np.float64], wished: float) -> int:
+    """The last place where the lag passes what is wished before it is a twelfth of a turn too far; it may come back."""
+    too_far = np.flatnonzero(lag >= wished + _TWELFTH)
+    beyond = lag[: too_far[0] + 1 if too_far.size else None] >= wished
+    return int(np.flatnonzero(beyond & ~np.concatenate([[False], beyond[:-1]]))[-1])
 
 
 def _where_a_derivative_works(lag: NDArray[np.float64]) -> np.intp:

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fopid_core.design.identification.identify import IdentificationResult
-from fopid_core.design.loop_worth import LoopWorth, loop_worth, noise_gain
+from fopid_core.design.loop_judge import LoopJudge, RunningGains, loop_of
+from fopid_core.design.loop_worth import LoopWorth
 from fopid_core.design.robust_verification import (
     UNSEEN,
     RobustLimits,
@@ -23,19 +24,12 @@ from fopid_core.design.specification import Clock, TuningRequest, TuningResult
 from fopid_core.design.time.proposal import settling_horizon
 from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError
-from fopid_core.model.evaluation import default_horizon
-from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
-from fopid_core.model.stability import stability
-from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
+from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter
 
-WORSE, BETTER = 1.05, 0.95
-"""By which factor an index may grow, and to which both together must fall, so that new gains beat the old ones."""
-LOAD_WEIGHT = 2.0 / 3.0
-"""Of the load in what is best; the rest is the setpoint's."""
-LOAD_WEIGHTED = 2.0
-"""The same in the search of a design in time, whose index is a sum."""
+LOAD_WEIGHTED = 10.0
+"""Of the load in the search of a design in time, whose index is a sum, beside the setpoint's."""
 MS_MAX = 1.8
 """Of the designs in time that are tried."""
 STRUCTURES, FILTER_ORDER = ("pi", "pid", "fopid"), 2
@@ -44,42 +38,17 @@ CLEAR = 0.95
 """Share of a bound on the noise gain that is aimed at where a design broke it."""
 QUIETER = (0.5, 0.25, 0.125)
 """Shares of the control's movement from noise that is allowed, which are tried as well."""
-QUIET_WEIGHT, LEAST_SHARE = 0.4, 0.05
-"""Half the movement is worth a quarter of the error: 2^-0.4; below that share of what is allowed nobody feels it."""
+RULE_FILTER = 0.1
+"""Time of the filter that a rule's derivative is run with, as a share of the derivative time."""
 MOST_VERIFIED = 4
 """So many designs are verified on all that the record leaves possible, which takes longest."""
-LARGEST = 100.0
-"""Gains searched up to, in units of the process's gain about where a controller would work."""
+LARGEST, LARGEST_STEP = 100.0, 10.0
+"""Gains searched up to where the record does not show the process's slow end, in units of the process's gain about
+where a controller would work, and of the gain that runs there: friction may hide that end, not so in larger moves."""
 SLOWER = (0.5, 0.25)
 """Shares of a crossover that are tried where noise moves the control too much."""
 RULES = ("amigo-pid", "amigo-pi", "simc-pi")
-_POINTS, _DECADES, _LEAST = 600, (-7.0, 7.0), 1e-9
-
-
-@dataclass(frozen=True)
-class RunningGains:
-    """What runs, and what the loop's control may do.
-
-    Attributes
-    ----------
-    gains : Fopid
-    noise : float
-        Standard deviation of the measurement's noise; 0 where it is not known.
-    control_movement : float
-        Standard deviation of the control, from that noise, that new gains may cause; what the running ones cause is
-        allowed in any case.
-    control_peak : float
-        How far a unit step of the setpoint may take the control, by its limits; infinite for none.
-    filter, weights
-        Of the measurement and of the setpoint, that run with the gains.
-    """
-
-    gains: Fopid
-    noise: float = 0.0
-    control_movement: float = math.inf
-    control_peak: float = math.inf
-    filter: MeasurementFilter = NO_FILTER
-    weights: SetpointWeights = WHOLE_SETPOINT
+_POINTS, _DECADES = 600, (-7.0, 7.0)
 
 
 @dataclass(frozen=True)
@@ -133,7 +102,7 @@ def improve(
     limits: RobustLimits,
     running: RunningGains,
     compare: bool = True,
-    refuse: Callable[[RobustTuning], str] = lambda _: "",
+    refuse: Callable[[TuningResult], str] = lambda _: "",
     clock: Clock = time.perf_counter,
     every: bool = False,
     tell: Callable[[str], object] = lambda _: None,
@@ -151,7 +120,7 @@ def improve(
     compare : bool
         Whether other methods are tried as well.
     refuse : callable
-        Why a design may not be used, or nothing.
+        Why a design may not be used, or nothing; a more cautious one is tried then.
     clock : callable
         Gives the time [s].
     every : bool
@@ -162,7 +131,7 @@ def improve(
     """
     if not identified.success or identified.best is None:
         return Improvement(False, identified.message, tune_robustly(identified, request, limits, clock))
-    judge = _Judge(identified.best.process, request.sample_time, running, limits.ms_max)
+    judge = LoopJudge(identified.best.process, request.sample_time, running, limits.ms_max)
     trial = _Trial(identified, limits, refuse, clock, judge, tell, [])
     promising = _promising(identified, request, judge, tell) if compare or every else []
     fit = [one for one in promising if not one.refusal] if compare else []
@@ -194,25 +163,27 @@ class _Trial:
 
     identified: IdentificationResult
     limits: RobustLimits
-    refuse: Callable[[RobustTuning], str]
+    refuse: Callable[[TuningResult], str]
     clock: Clock
-    judge: _Judge
+    judge: LoopJudge
     tell: Callable[[str], object]
     made: list[Candidate]
 
     def make(self, wanted: TuningRequest, first: TuningResult | None = None) -> None:
         """Make a design, from what the request first comes to where that is known; the judge keeps it if the best."""
         self.tell(f"{_name(wanted)}, on all that the record leaves possible")
-        tuned = _tuned(self.identified, wanted, self.limits, self.clock, first)
-        if tuned is None:
+        try:
+            tuned = tune_robustly(self.identified, wanted, self.limits, self.clock, first, self.refuse)
+        except InputError:  # a rule that is not for this process
+            if wanted.rule is None:
+                raise
             return
-        reason = "" if tuned.success else tuned.message
-        reason = reason or self.refuse(tuned) or self.judge.reason(tuned)
+        reason = self.judge.reason(tuned) if tuned.success else tuned.message
         if not reason:
             self.judge.take(tuned, wanted)
         tuning, worth = tuned.tuning, None
         if tuning is not None and tuning.controller is not None:
-            worth = self.judge.worth(_loop(self.judge.process, tuning))
+            worth = self.judge.worth(loop_of(self.judge.process, tuning))
         score = math.inf if reason or worth is None else self.judge.score(worth)
         self.made.append(Candidate(_name(wanted), tuned, worth, reason, score))
 
@@ -254,21 +225,8 @@ def _one_of_each(found: Sequence[Candidate], chosen: RobustTuning | None) -> tup
     return tuple(sorted(by_name.values(), key=lambda one: (bool(one.refusal), one.tuned is not chosen, one.score)))
 
 
-def _tuned(
-    identified: IdentificationResult, request: TuningRequest, limits: RobustLimits, clock: Clock,
-    first: TuningResult | None,
-) -> RobustTuning | None:  # fmt: skip
-    """A design, or None where the method is not for this process."""
-    try:
-        return tune_robustly(identified, request, limits, clock, first)
-    except InputError:
-        if request.rule is None:
-            raise
-        return None
-
-
 def _promising(
-    identified: IdentificationResult, request: TuningRequest, judge: _Judge, tell: Callable[[str], object]
+    identified: IdentificationResult, request: TuningRequest, judge: LoopJudge, tell: Callable[[str], object]
 ) -> list[_Promise]:
     """What to verify, the best on the learnt process itself first."""
     found: list[_Promise] = []
@@ -282,11 +240,12 @@ def _promising(
             return 0.0
         if tuning.controller is None or not tuning.success:
             return 0.0
-        new = judge.worth(_loop(judge.process, tuning))
+        new = judge.worth(loop_of(judge.process, tuning))
         refusal = judge.too_noisy(new) or ("" if math.isfinite(new.load) else "its responses are not known")
         found.append(_Promise(judge.score(new), wanted, tuning, new, refusal))
         return new.noise_gain / judge.noise_gain_max
 
+    _hold_to_textbook(identified, request, judge)
     usual = _in_time(request, judge, identified)
     for structure in STRUCTURES:
         in_time = replace(usual, structure=structure)
@@ -303,16 +262,30 @@ def _promising(
     return sorted(found, key=lambda one: (bool(one.refusal), one.score))
 
 
-def _in_time(request: TuningRequest, judge: _Judge, identified: IdentificationResult) -> TuningRequest:
+def _hold_to_textbook(identified: IdentificationResult, request: TuningRequest, judge: LoopJudge) -> None:
+    """Ask for less error after a load than rules leave on the learnt process, at no more movement than theirs."""
+    for rule in RULES:
+        try:
+            controller = tune(first_request(identified, replace(request, method="rule", rule=rule))).controller
+        except InputError:  # the rule is not for this process
+            continue
+        if controller is not None:
+            derivative_time = abs(controller.kd / controller.kp) if controller.kp else 0.0
+            slow = MeasurementFilter(1, RULE_FILTER * derivative_time) if derivative_time else NO_FILTER
+            judge.note_textbook(judge.worth(Loop(judge.process, controller, slow)))
+
+
+def _in_time(request: TuningRequest, judge: LoopJudge, identified: IdentificationResult) -> TuningRequest:
     """A search for the least error after both steps, under what noise and limits allow."""
     return replace(
-        _with_noise_bound(request, judge), method="time", index="iae", input="both", load_weight=LOAD_WEIGHTED,
-        filter_order=FILTER_ORDER, two_degrees=True, ms_max=request.ms_max or MS_MAX, u_max=judge.control_peak,
-        phase_margin=None, crossover=None, t_max=None, s_max=None, rule=None, bounds=_box(identified),
+        _with_noise_bound(request, judge), method="time", index="iae", input="both",
+        load_weight=LOAD_WEIGHTED * judge.load_scale, filter_order=FILTER_ORDER, two_degrees=True,
+        ms_max=request.ms_max or MS_MAX, u_max=judge.control_peak,
+        phase_margin=None, crossover=None, t_max=None, s_max=None, rule=None, bounds=_box(identified, judge),
     )  # fmt: skip
 
 
-def _box(identified: IdentificationResult) -> dict[str, tuple[float, float]]:
+def _box(identified: IdentificationResult, judge: LoopJudge) -> dict[str, tuple[float, float]]:
     """Ranges of the gains where a steady-state gain that the record has not shown would give far too small ones."""
     best = identified.best
     if best is None:
@@ -322,14 +295,15 @@ def _box(identified: IdentificationResult) -> dict[str, tuple[float, float]]:
     steady = best.process.steady_state_gain
     if abs(steady) < UNSEEN * abs(at_work):
         return {}
-    sign = math.copysign(1.0, steady)
-    most = {"kp": LARGEST / abs(at_work), "ki": LARGEST * w / abs(at_work), "kd": LARGEST / w / abs(at_work)}
+    sign, now = math.copysign(1.0, steady), abs(complex(judge.running.gains(1j * w)))
+    gain = min(LARGEST / abs(at_work), LARGEST_STEP * now or math.inf)
+    most = {"kp": gain, "ki": gain * w, "kd": gain / w}
     return {name: (min(0.0, sign * value), max(0.0, sign * value)) for name, value in most.items()}
 
 
-def _with_noise_bound(request: TuningRequest, judge: _Judge) -> TuningRequest:
+def _with_noise_bound(request: TuningRequest, judge: LoopJudge) -> TuningRequest:
     """The request with the judge's bound on the noise gain: for white noise whose variance at the ticks is 1."""
-    most = judge.noise_gain_max
+    most = judge.noise_gain_aim
     if math.isinf(most):
         return request
     horizon = request.horizon or _horizon(as_held(judge.process, request.sample_time), most)
@@ -345,82 +319,3 @@ def _horizon(process: Process, noise_gain_max: float) -> float:
     gain = np.abs(process(1j * w))
     falls = (noise_gain_max * gain < 1.0) & (gain < abs(process.steady_state_gain) / math.sqrt(2.0))
     return settling_horizon(process, float(w[np.argmax(falls)]) if falls.any() else math.inf)
-
-
-class _Judge:
-    """Judges designs beside the gains that run."""
-
-    def __init__(self, process: Process, sample_time: float, running: RunningGains, ms_max: float) -> None:
-        self.process, self._sample_time, self._running, self._ms_max = process, sample_time, running, ms_max
-        self._judged: dict[Loop, LoopWorth] = {}
-        self.crossover, self.noise_excess = 0.0, 0.0
-        self.best: tuple[float, RobustTuning, TuningRequest] | None = None
-        self._runs = Loop(process, running.gains, running.filter, running.weights)
-        self._horizon = default_horizon(self._runs) if stability(self._runs).stable else None
-        old = noise_gain(self._runs, sample_time) if self._horizon else 0.0
-        allowed = running.control_movement / running.noise if running.noise > 0.0 else math.inf
-        self.noise_gain_max = max(allowed, old, _LEAST)
-        self.control_peak = running.control_peak if math.isfinite(running.control_peak) else None
-
-    def worth(self, loop: Loop) -> LoopWorth:
-        if loop not in self._judged:
-            horizon = self._horizon or default_horizon(loop)
-            self._judged[loop] = loop_worth(loop, self._sample_time, horizon)
-        return self._judged[loop]
-
-    def reason(self, tuned: RobustTuning) -> str:
-        """Why a design is not better than what runs; empty when it is."""
-        new, old = self._pair(tuned)
-        self.crossover = tuned.tuning.achieved.crossover if tuned.tuning and tuned.tuning.achieved else 0.0
-        self.noise_excess = new.noise_gain / self.noise_gain_max
-        if self.noise_excess > 1.0:
-            return self.too_noisy(new)
-        if math.isinf(old.setpoint):
-            return "" if math.isfinite(new.setpoint) else "its responses are not known"
-        if old.ms > self._ms_max:  # what runs is not to be kept, however fast it is
-            return ""
-        if new.setpoint > WORSE * old.setpoint or new.load > WORSE * old.load or self.errors(new) > BETTER:
-            return f"not better than what runs on the learnt process: {new}; now {old}"
-        return ""
-
-    def too_noisy(self, new: LoopWorth) -> str:
-        """Why noise forbids a loop; empty when it does not."""
-        if new.noise_gain <= self.noise_gain_max:
-            return ""
-        moves, most = new.noise_gain * self._running.noise, self.noise_gain_max * self._running.noise
-        return f"the measurement's noise would move the control by {moves:.3g} ({most:.3g} is allowed)"
-
-    def take(self, tuned: RobustTuning, wanted: TuningRequest) -> None:
-        """Keep a design if it is the best so far."""
-        score = self.score(self._pair(tuned)[0])
-        if self.best is None or score < self.best[0]:
-            self.best = score, tuned, wanted
-
-    def score(self, new: LoopWorth) -> float:
-        """Errors beside those of the running gains; less control from noise is worth some error."""
-        quiet = max(new.noise_gain / self.noise_gain_max, LEAST_SHARE)
-        return float(self.errors(new) * quiet**QUIET_WEIGHT)
-
-    def errors(self, new: LoopWorth) -> float:
-        """Both indices beside those of the running gains; below 1 is better."""
-        old = self.worth(self._runs)
-        if math.isinf(old.setpoint):
-            return new.load
-        return float((new.load / old.load) ** LOAD_WEIGHT * (new.setpoint / old.setpoint) ** (1.0 - LOAD_WEIGHT))
-
-    def told(self, tuned: RobustTuning, name: str) -> str:
-        """What the new gains are worth beside the old ones."""
-        new, old = self._pair(tuned)
-        return f"{name} was best: {new}; before {old}"
-
-    def _pair(self, tuned: RobustTuning) -> tuple[LoopWorth, LoopWorth]:
-        if tuned.tuning is None or tuned.tuning.controller is None:
-            raise InputError("a tuning without gains; allowed: one that succeeded")
-        return self.worth(_loop(self.process, tuned.tuning)), self.worth(self._runs)
-
-
-def _loop(process: Process, tuning: TuningResult) -> Loop:
-    """The loop of a design, which has gains."""
-    if tuning.controller is None:
-        raise InputError("a tuning without gains; allowed: one that succeeded")
-    return Loop(process, tuning.controller, tuning.filter, tuning.weights)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from fopid_core.design.defaults import MS_MAX, PHASE_MARGIN, U_MAX, natural_crossover
@@ -24,7 +24,7 @@ PLAUSIBLE = 1.5
 """Other templates count as possible while their held-back error is at most so many times the best one's, and their
 residual is as white."""
 DETUNING = (0.7, 0.5, 0.35, 0.2)
-"""Shares of the first crossover that are tried in turn, or of what the bound on max |S| has above 1."""
+"""Shares of the first crossover that are tried in turn, or of what max |S| of the first design has above 1."""
 UNSEEN = 10.0
 """A steady-state gain that is so many times the gain at the crossover is that of a process that integrates."""
 FASTEST = 0.2
@@ -189,6 +189,7 @@ def tune_robustly(
     limits: RobustLimits | None = None,
     clock: Clock = time.perf_counter,
     first: TuningResult | None = None,
+    refuse: Callable[[TuningResult], str] = lambda _: "",
 ) -> RobustTuning:
     """A design on a learnt process that holds on all that the record leaves possible, or a refusal.
 
@@ -203,6 +204,8 @@ def tune_robustly(
         Gives the time [s].
     first : TuningResult, optional
         What `first_request` comes to, where that is known.
+    refuse : callable
+        Why a design may not be handed out, or nothing; a more cautious one is tried then, as for the limits.
     """
     begun = clock()
     if not identified.success or identified.best is None:
@@ -211,7 +214,7 @@ def tune_robustly(
     wished = first_request(identified, request or TuningRequest(identified.best.process))
     processes = plausible_processes(identified, limits, wished.sample_time)
     waiting, attempts = [wished], 0
-    tuning, judged = None, None
+    tuning, judged, reason = None, None, ""
     while waiting:
         careful = waiting.pop(0)
         tuning = first if first is not None and attempts == 0 else tune(careful)
@@ -220,11 +223,14 @@ def tune_robustly(
             waiting = _detuned(careful, tuning, identified.best.crossover)
         if not tuning.success or tuning.controller is None:
             continue
+        reason = refuse(tuning)
+        if reason:
+            continue
         judged = robustness(tuning.controller, processes, limits, tuning.filter)
         if judged.met:
             message = f"{tuning.message}; {judged}"
             return RobustTuning(True, message, tuning, judged, attempts, clock() - begun)
-    message = _refusal(tuning, judged, attempts, limits)
+    message = reason or _refusal(tuning, judged, attempts, limits)
     return RobustTuning(False, message, tuning, judged, attempts, clock() - begun)
 
 
@@ -271,7 +277,8 @@ def _detuned(request: TuningRequest, first: TuningResult, crossover: float) -> l
         margin = request.phase_margin or PHASE_MARGIN
         return [replace(request, phase_margin=margin, crossover=share * from_here) for share in DETUNING]
     if request.method == "time":
-        room = (request.ms_max or MS_MAX) - 1.0
+        most = request.ms_max or MS_MAX
+        room = (min(most, first.achieved.ms) if first.achieved else most) - 1.0
         return [replace(request, ms_max=1.0 + share * room) for share in DETUNING]
     return []
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from fopid_core.design.defaults import process_gain
 from fopid_core.design.time.objectives import Objective
 from fopid_core.design.time.problem import TimeProblem
 from fopid_core.design.time.specification import TimeSpecification
@@ -248,3 +250,19 @@ def test_progress_grows_and_the_time_allowed_is_kept() -> None:
     assert found is not None
     assert shares == sorted(shares)
     assert found.evaluations < design("P1", "itae").evaluations
+
+
+@pytest.mark.slow
+def test_an_integrator_in_all_but_name_is_tuned_as_one() -> None:
+    asked = TuningRequest(
+        Process.parse("1/s*exp(-0.1s)"), "time", index="iae", input="both", structure="pi", horizon=20.0, ms_max=1.7,
+        u_max=100.0, noise_max=20.0,
+    )  # fmt: skip
+    gain = 1e4
+    lagging = Process.parse(f"{gain}/({gain}s+1)*exp(-0.1s)")
+    exact = tune(asked).controller
+    scale = gain / abs(process_gain(asked.process))  # of the load's step
+    found = tune(replace(asked, process=lagging, load_weight=scale)).controller
+    assert exact is not None
+    assert found is not None
+    assert (found.kp, found.ki) == pytest.approx((exact.kp, exact.ki), rel=0.02)

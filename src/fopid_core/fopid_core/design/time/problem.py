@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover, process_gain
+from fopid_core.design.defaults import PHASE_MARGIN, U_MAX, natural_crossover, process_gain
 from fopid_core.design.specification import NUMBERS
 from fopid_core.design.time.bands import SMALLEST, least_in_bands, log_size, smooth_places
 from fopid_core.design.time.control_bounds import ControlBounds
@@ -30,6 +30,8 @@ Complex = NDArray[np.complex128]
 
 LARGEST_GAIN = 500.0
 """Of the paper's box, section 4.1; here in units of the process's gain and time, and from 0 on."""
+FAR_BELOW = 0.1
+"""A process whose gain falls to such a share of its own before a controller would act is measured by that there."""
 BANDS = 12
 """A largest value counts as one for each of so many bands: each is smooth in the gains where their maximum is not."""
 LEAST_ORDER = 0.05
@@ -132,7 +134,9 @@ class TimeProblem:
         self.process, self.specification = process, specification
         self.density, self.watch_control, self.watched, self.drawn_in = density, watch_control, watched, drawn_in
         self.bands = bands
-        self.speed, self.gain = natural_crossover(process, PHASE_MARGIN), process_gain(process)
+        self.speed = natural_crossover(process, PHASE_MARGIN)
+        steady = process_gain(process)
+        self.gain, self._load_step = _gain_at_work(process, steady, self.speed, specification.u_max), 1.0 / abs(steady)
         self.points = points or enough_points(specification.horizon * self.speed)
         self.evaluations = 0
         self.variables = specification.variables
@@ -357,7 +361,7 @@ class TimeProblem:
 
     def _errors(self, gains: Real) -> Real:
         """Of each step that counts, shape (steps, n, instants); beside a setpoint, the load's step is 1 / gain."""
-        size = 1.0 / abs(self.gain) if self.specification.input == "both" else 1.0
+        size = self._load_step if self.specification.input == "both" else 1.0
         grid = self._grid
         parts = grid.parts(gains)
         return np.stack(
@@ -396,3 +400,12 @@ def _resonances(process: Process, grid: Real) -> Real:
     fine: Real = z[np.union1d(close, close + 1)]
     inside: Real = fine[(fine > grid[0]) & (fine < grid[-1])]
     return inside
+
+
+def _gain_at_work(process: Process, steady: float, speed: float, u_max: float) -> float:
+    """What gains are measured against: the process's gain, or far less where it works, if the control has the room.
+
+    A near-integrator's steady-state gain tells nothing of the gains it needs, and a record may not even show it.
+    """
+    at_work = max(abs(complex(process(1j * speed))), U_MAX / u_max)
+    return math.copysign(at_work, steady) if at_work < FAR_BELOW * abs(steady) else steady

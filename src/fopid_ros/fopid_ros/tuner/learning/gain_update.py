@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 from fopid_core.design.acceptance import rejection_reason
 from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel
-from fopid_core.design.improvement import Candidate, RunningGains, improve
+from fopid_core.design.improvement import Candidate, improve
+from fopid_core.design.loop_judge import RunningGains
 from fopid_core.design.robust_verification import RobustLimits, RobustTuning
 from fopid_core.design.specification import TuningRequest, TuningResult
 from fopid_core.errors import InputError
@@ -234,11 +235,9 @@ class GainUpdate:
         seconds = wanted.timeout or PROOF_SECONDS
         return certificate_or_refusal(learnt, tuning, asked.limits.ms_max, family, seconds)
 
-    def _refused(self, tuned: RobustTuning) -> str:
+    def _refused(self, tuning: TuningResult) -> str:
         """The limits on what the record leaves possible stand in for that on max |S| of the one design."""
-        if tuned.tuning is None:
-            return tuned.message
-        return rejection_reason(tuned.tuning, self._controller.sample_time, math.inf, self._criteria.delay_margin_min)
+        return rejection_reason(tuning, self._controller.sample_time, math.inf, self._criteria.delay_margin_min)
 
     def apply_and_monitor(
         self, outcome: Outcome, before: LoopPerformance, residual_transient: float, error_factor: float,

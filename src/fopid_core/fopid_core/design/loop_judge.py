@@ -1,0 +1,171 @@
+"""Which of several loops is best on a process, beside the gains that run and beside what the textbooks' rules make."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from fopid_core.design.defaults import process_gain
+from fopid_core.design.loop_worth import LoopWorth, loop_worth, noise_gain
+from fopid_core.design.robust_verification import RobustTuning
+from fopid_core.design.specification import TuningRequest, TuningResult
+from fopid_core.errors import InputError
+from fopid_core.model.evaluation import default_horizon
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
+from fopid_core.model.process import Process
+from fopid_core.model.stability import stability
+from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
+
+WORSE, BETTER = 1.05, 0.95
+"""By which factor an index may grow, and to which both together must fall, so that new gains beat the old ones."""
+LOAD_WEIGHT = 2.0 / 3.0
+"""Of the load in what is best; the rest is the setpoint's."""
+QUIET_WEIGHT, LEAST_SHARE = 0.4, 0.05
+"""Half the movement is worth a quarter of the error: 2^-0.4; below that share of what is allowed nobody feels it."""
+AHEAD, SHORT_WEIGHT = 0.8, 2.0
+"""Of the rule of the textbooks with the least load error on the learnt process: the share of that error, and of its
+movement, that is aimed at; and how much more than other errors it counts to leave more error than that."""
+_LEAST = 1e-9
+
+
+@dataclass(frozen=True)
+class RunningGains:
+    """What runs, and what the loop's control may do.
+
+    Attributes
+    ----------
+    gains : Fopid
+    noise : float
+        Standard deviation of the measurement's noise; 0 where it is not known.
+    control_movement : float
+        Standard deviation of the control, from that noise, that new gains may cause; what the running ones cause is
+        allowed in any case.
+    control_peak : float
+        How far a unit step of the setpoint may take the control, by its limits; infinite for none.
+    filter, weights
+        Of the measurement and of the setpoint, that run with the gains.
+    """
+
+    gains: Fopid
+    noise: float = 0.0
+    control_movement: float = math.inf
+    control_peak: float = math.inf
+    filter: MeasurementFilter = NO_FILTER
+    weights: SetpointWeights = WHOLE_SETPOINT
+
+
+class LoopJudge:
+    """Judges designs beside the gains that run.
+
+    Parameters
+    ----------
+    process : Process
+    sample_time : float
+        Of the controller [s].
+    running : RunningGains
+    ms_max : float
+        Running gains beyond it are not to be kept; a rule beyond it is nothing to beat.
+    """
+
+    def __init__(self, process: Process, sample_time: float, running: RunningGains, ms_max: float) -> None:
+        self.process, self._sample_time, self.running, self._ms_max = process, sample_time, running, ms_max
+        self._judged: dict[Loop, LoopWorth] = {}
+        self.crossover, self.noise_excess = 0.0, 0.0
+        self.best: tuple[float, RobustTuning, TuningRequest] | None = None
+        self._runs = Loop(process, running.gains, running.filter, running.weights)
+        self._horizon = default_horizon(self._runs) if stability(self._runs).stable else None
+        old = noise_gain(self._runs, sample_time) if self._horizon else 0.0
+        allowed = running.control_movement / running.noise if running.noise > 0.0 else math.inf
+        self.noise_gain_max, self._quietest = max(allowed, old, _LEAST), max(old, _LEAST)
+        self.textbook: LoopWorth | None = None
+        self.control_peak = running.control_peak if math.isfinite(running.control_peak) else None
+
+    def worth(self, loop: Loop) -> LoopWorth:
+        """Over the time in which what runs settles; each loop is looked at once."""
+        if loop not in self._judged:
+            horizon = self._horizon or default_horizon(loop)
+            worth = loop_worth(loop, self._sample_time, horizon)
+            if math.isinf(worth.load) and math.isfinite(worth.ms):  # unknown so long after the step
+                worth = loop_worth(loop, self._sample_time, min(horizon, default_horizon(loop)))
+            self._judged[loop] = worth
+        return self._judged[loop]
+
+    def note_textbook(self, rule: LoopWorth) -> None:
+        """Take a rule for what to beat, if it is within the limit on max |S| and leaves less error after a load."""
+        if rule.ms <= self._ms_max and rule.load < (self.textbook or self.worth(self._runs)).load:
+            self.textbook = rule
+
+    @property
+    def noise_gain_aim(self) -> float:
+        """What is allowed of the noise gain, and no more than the textbook needs."""
+        if self.textbook is None or math.isinf(self.noise_gain_max):
+            return self.noise_gain_max
+        return max(min(AHEAD * self.textbook.noise_gain, self.noise_gain_max), self._quietest)
+
+    @property
+    def load_scale(self) -> float:
+        """What the error after a load step of 1 / gain is multiplied by to count as much as now the setpoint's does."""
+        old = self.worth(self._runs)
+        known = math.isfinite(old.setpoint) and 0.0 < old.load < math.inf
+        return abs(process_gain(self.process)) * old.setpoint / old.load if known else 1.0
+
+    def reason(self, tuned: RobustTuning) -> str:
+        """Why a design is not better than what runs; empty when it is."""
+        new, old = self._pair(tuned)
+        self.crossover = tuned.tuning.achieved.crossover if tuned.tuning and tuned.tuning.achieved else 0.0
+        self.noise_excess = new.noise_gain / self.noise_gain_max
+        if self.noise_excess > 1.0:
+            return self.too_noisy(new)
+        if math.isinf(old.setpoint):
+            return "" if math.isfinite(new.setpoint) else "its responses are not known"
+        if old.ms > self._ms_max:  # what runs is not to be kept, however fast it is
+            return ""
+        if new.setpoint > WORSE * old.setpoint or new.load > WORSE * old.load or self.errors(new) > BETTER:
+            return f"not better than what runs on the learnt process: {new}; now {old}"
+        return ""
+
+    def too_noisy(self, new: LoopWorth) -> str:
+        """Why noise forbids a loop; empty when it does not."""
+        if new.noise_gain <= self.noise_gain_max:
+            return ""
+        moves, most = new.noise_gain * self.running.noise, self.noise_gain_max * self.running.noise
+        return f"the measurement's noise would move the control by {moves:.3g} ({most:.3g} is allowed)"
+
+    def take(self, tuned: RobustTuning, wanted: TuningRequest) -> None:
+        """Keep a design if it is the best so far."""
+        score = self.score(self._pair(tuned)[0])
+        if self.best is None or score < self.best[0]:
+            self.best = score, tuned, wanted
+
+    def score(self, new: LoopWorth) -> float:
+        """Errors beside those of the running gains; less control from noise is worth some error."""
+        if self.textbook is None:
+            return self.errors(new)
+        quiet = max(new.noise_gain / self.noise_gain_aim, LEAST_SHARE)
+        short = max(new.load / (AHEAD * self.textbook.load), 1.0)
+        return float(self.errors(new) * quiet**QUIET_WEIGHT * short**SHORT_WEIGHT)
+
+    def errors(self, new: LoopWorth) -> float:
+        """Both indices beside those of the running gains; below 1 is better."""
+        old = self.worth(self._runs)
+        if math.isinf(old.setpoint):
+            return new.load
+        return float((new.load / old.load) ** LOAD_WEIGHT * (new.setpoint / old.setpoint) ** (1.0 - LOAD_WEIGHT))
+
+    def told(self, tuned: RobustTuning, name: str) -> str:
+        """What the new gains are worth beside the old ones."""
+        new, old = self._pair(tuned)
+        return f"{name} was best: {new}; before {old}"
+
+    def _pair(self, tuned: RobustTuning) -> tuple[LoopWorth, LoopWorth]:
+        if tuned.tuning is None or tuned.tuning.controller is None:
+            raise InputError("a tuning without gains; allowed: one that succeeded")
+        return self.worth(loop_of(self.process, tuned.tuning)), self.worth(self._runs)
+
+
+def loop_of(process: Process, tuning: TuningResult) -> Loop:
+    """The loop of a design, which has gains."""
+    if tuning.controller is None:
+        raise InputError("a tuning without gains; allowed: one that succeeded")
+    return Loop(process, tuning.controller, tuning.filter, tuning.weights)
