@@ -25,14 +25,14 @@ RECORD = step_record(PROCESS, 150.0, H, NOISE)
 WITHIN = replace(RECORD, control_min=-1.0, control_max=4.0)
 
 
-def running(found: RecordedTuning, ticks: int, setpoint: float, noise: float) -> Trace:
+def running(found: RecordedTuning, ticks: int, setpoint: float, noise: float, process: str = PROCESS) -> Trace:
     """The loop of the design with the plant that was recorded, from rest."""
     assert found.tuned is not None
     assert found.tuned.tuning is not None
     tuning = found.tuned.tuning
     assert tuning.controller is not None
     settings = as_designed(tuning.controller, H, tuning.filter, tuning.weights)
-    plant = Plant(PlantSettings(read_process(PROCESS), H, "exact", noise_std=noise, seed=3))
+    plant = Plant(PlantSettings(read_process(process), H, "exact", noise_std=noise, seed=3))
     return simulate(FopidController(settings), plant, ticks, lambda _: setpoint)
 
 
@@ -97,3 +97,21 @@ def test_a_record_that_tells_nothing_is_refused_with_its_reason() -> None:
     assert not found.success
     assert "the control stays at 0" in found.message
     assert found.tuned is None
+
+
+@pytest.mark.parametrize("process", ["2/(10s+1)", "2/(4s+1)", "1/((8s+1)(0.5s+1))"])
+def test_gains_that_are_handed_out_are_calm_at_the_records_sample_time(process: str) -> None:
+    found = tune_recorded(step_record(process, 150.0, H, 0.001), "frequency", limits=FEW, template="foptd,soptd")
+    assert found.success, found.message
+    control = running(found, 150, 1.0, 0.0, process).control
+    assert np.abs(np.diff(control[100:])).max() < 0.02
+
+
+@pytest.mark.parametrize("crossover", [0.02, 0.05])
+def test_a_design_that_rings_at_the_records_sample_time_is_refused(crossover: float) -> None:
+    record = step_record("2/(10s+1)", 150.0, H, NOISE)
+    found = tune_recorded(record, "frequency", {"crossover": crossover}, FEW, "foptd,soptd")
+    assert found.tuned is not None
+    assert found.tuned.tuning is not None
+    assert found.tuned.tuning.running is not None
+    assert found.success == (found.tuned.tuning.running.ms <= FEW.ms_max), found.message

@@ -189,7 +189,10 @@ def tune_recorded(
     >>> found.success, found.taken["sample_time"], round(found.bounds.noise, 3)
     (True, 0.5, 0.01)
     """
-    given = {name: value for name, value in (options or {}).items() if value is not None}
+    given, limits = (
+        {name: value for name, value in (options or {}).items() if value is not None},
+        limits or RobustLimits(),
+    )
     noise = sensor_noise(record)
     identified = identify(record, template, clock, noise.level if noise.at_rest else 0.0)
     best = identified.best
@@ -201,12 +204,17 @@ def tune_recorded(
         own = {name: value for name, value in own.items() if not name.startswith("noise_")}
     taken = {name: value for name, value in own.items() if name not in given}
     request = TuningRequest(best.process, method, **{**own, **given})
-    request, tuned = _quiet(identified, request, given, limits or RobustLimits(), bounds, clock)
+    request, tuned = _quiet(identified, request, given, limits, bounds, clock)
     success, told = tuned.success, tuned.message
     if success and tuned.tuning is not None and (moved := _control_noise(best.process, tuned.tuning, bounds)):
         told = f"{told}; noise moves the control by {moved:.3g}"
         if moved > bounds.control_from_noise and _is_free(request, given):
-            success, told = False, f"{told}, {bounds.control_from_noise:.3g} is allowed: no quieter design was found"
+            allowed = f"{bounds.control_from_noise:.3g} is allowed: no quieter design was found"
+            filters = "; tune time chooses a filter as well" if method == "frequency" else ""
+            success, told = False, f"{told}, {allowed}{filters}"
+    if success and _running_ms(tuned.tuning) > limits.ms_max:
+        runs = f"as it runs, its Ms is {_running_ms(tuned.tuning):.3g}"
+        success, told = False, f"{told}; {runs}, up to {limits.ms_max:g} is allowed: ask for a shorter sample time"
     message = f"{identified.message}; from the record: {bounds.told}; {told}"
     return RecordedTuning(success, message, identified, noise, bounds, request, tuned, taken)
 
@@ -220,9 +228,10 @@ def _quiet(
     first = tuned.tuning
     if first is None or first.achieved is None or not _is_free(request, given):
         return request, tuned
-    for share in SLOWER:
+    for share in SLOWER:  # a design that runs badly is made slower, too
         excess = _control_noise(request.process, tuned.tuning, bounds) / max(bounds.control_from_noise, 1e-300)
-        if excess <= 1.0:
+        restless = request.method == "frequency" and _running_ms(tuned.tuning) > limits.ms_max
+        if excess <= 1.0 and not restless:
             break
         if request.method == "frequency":
             request = replace(request, crossover=share * first.achieved.crossover)
@@ -230,6 +239,11 @@ def _quiet(
             request = replace(request, noise_rms_max=CLEAR * request.noise_rms_max / excess)
         tuned = tune_robustly(identified, request, limits, clock)
     return request, tuned
+
+
+def _running_ms(tuning: TuningResult | None) -> float:
+    """Of the sampled, held loop, which a design in continuous time does not know; 0 without a design."""
+    return 0.0 if tuning is None or tuning.running is None else tuning.running.ms
 
 
 def _is_free(request: TuningRequest, given: Mapping[str, Any]) -> bool:
