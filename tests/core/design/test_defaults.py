@@ -75,3 +75,9 @@ def test_a_pole_on_a_frequency_of_the_grid_is_passed_by() -> None:
     """1 rad/s is one of them; the lag is half a turn from there on, as beside an oscillator that is not on one."""
     beside = natural_crossover(Process.parse("1/(s^2+1.0001)"), math.radians(60.0))
     assert natural_crossover(Process.parse("1/(s^2+1)"), math.radians(60.0)) == pytest.approx(beside, rel=0.03)
+
+
+def test_an_unstable_process_with_a_zero_on_the_right_has_gains_of_the_sign_that_stabilises() -> None:
+    """1/(s-1) with a zero at 2: the closed loop with a gain k has the coefficients 1, 2 + k, -3 - 2k."""
+    assert gain_sign(Process.parse("(s-2)/((s-1)(s+3))")) == -1.0
+    assert np.all(np.roots([1.0, 2.0 - 1.75, -3.0 + 3.5]).real < 0.0)

@@ -27,19 +27,20 @@ _TWELFTH = math.radians(30.0)
 
 
 def gain_sign(process: Process) -> float:
-    """The sign the controller's gains must have: that of the process's gain where it is largest.
+    """The sign the controller's gains must have.
+
+    With an integral the characteristic function of the closed loop begins with ki N(0) and ends with the highest term
+    of the denominator; it has no positive zero only when both have one sign.
 
     Examples
     --------
-    >>> [gain_sign(Process.parse(text)) for text in ("-2/(s+1)", "1/(s-1)", "(1-s)/(s+1)^2")]
-    [-1.0, 1.0, 1.0]
+    >>> [gain_sign(Process.parse(text)) for text in ("-2/(s+1)", "1/(s-1)", "(1-s)/(s+1)^2", "(s-2)/((s-1)(s+3))")]
+    [-1.0, 1.0, 1.0, -1.0]
     """
-    slow = not process_stability(process).unstable_poles
-    value = 1.0
-    for part, power in ((process.numerator, 1), (process.denominator, -1)):
-        order = part.lowest_order if slow else part.degree
-        value *= sum(term.coefficient for term in part.terms if term.order == order) ** power
-    return math.copysign(1.0, value)
+    first, last = process.numerator.lowest_order, process.denominator.degree
+    begins = sum(term.coefficient for term in process.numerator.terms if term.order == first)
+    ends = sum(term.coefficient for term in process.denominator.terms if term.order == last)
+    return math.copysign(1.0, begins) * math.copysign(1.0, ends)
 
 
 def natural_crossover(process: Process, phase_margin: float) -> float:
