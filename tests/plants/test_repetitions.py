@@ -1,0 +1,19 @@
+"""The repetitions count what went wrong, and nothing where nothing did."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import repetitions
+from foreign_plants.gallery import GALLERY
+
+
+def test_an_experiment_that_stays_in_its_bounds_is_counted_as_one_that_came_to_its_end() -> None:
+    assert repetitions.line("flexible_joint", [3]) == "| flexible_joint | 1 | 1 | 0 | 0 |"
+
+
+def test_one_that_leaves_what_is_safe_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    narrow = replace(GALLERY["flexible_joint"], unsafe=(1.99, 2.01))
+    monkeypatch.setitem(GALLERY, "flexible_joint", narrow)
+    assert repetitions.experiment("flexible_joint", 3) == (True, False, True)
