@@ -66,13 +66,13 @@ test-verbs: venv ## Run each verb of the command line once
 	@$(PYTEST) -m 'slow or not slow' tests/core/cli/test_verbs.py $(ARGS)
 
 .PHONY: coverage
-coverage: venv ## Branches that the fast tests and the slow ones of verbs and studies take, in all processes [ARGS=tests/core]
+coverage: venv ## Branches that the fast tests and the slow ones of verbs, studies and nodes take [ARGS=tests/core]
 	@export COVERAGE_FOLDER="$(CURDIR)/build/coverage"; \
 	rm -rf "$$COVERAGE_FOLDER"; \
 	run=($(subst -m pytest,-m coverage run -m pytest,$(PYTEST))); \
 	"$${run[@]}" $(ARGS); \
 	if [[ -z "$(ARGS)" ]]; then \
-	  "$${run[@]}" -m 'slow and not browser and not colcon' tests/core/cli tests/core/study; \
+	  "$${run[@]}" -m 'slow and not colcon' tests/core/{cli,study} tests/ros/{tuner,dashboard,experiment}; \
 	fi; \
 	"$(BIN)/python" -m coverage combine --quiet; \
 	report=("$(BIN)/python" -m coverage report); \

@@ -172,7 +172,7 @@ def default_horizon(loop: Loop) -> float:
     if gain == 0.0:
         own = float(w[np.argmax(np.abs(loop.process(1j * w)))])
     elif math.isfinite(gain):
-        own = _first(w, np.abs(loop.process(1j * w) / gain - 1.0) > _MOVED)
+        own = _first(w, np.abs(loop.process(1j * w) - gain) > _MOVED * abs(gain))  # at a pole it is no number
     else:
         own = _first(w, np.abs(loop(1j * w)) < 1.0 / _SETTLED)
     slow = min(max(slow, own / _LONGEST), own)
