@@ -65,7 +65,7 @@ def indices(stretches: list[Stretch]) -> Found | None:
         for name, (of_time, of_error) in POWERS.items():
             value, missed = _integral(stretch, low, high, series, of_time, of_error)
             total[name] += value
-            doubt[name] += 20.0 * (tail + 1e-14 * size) * missed
+            doubt[name] += 20.0 * (tail + 1e-13 * size) * missed
     return {name: (total[name], doubt[name] + 1e-13 * total[name]) for name in POWERS}
 
 

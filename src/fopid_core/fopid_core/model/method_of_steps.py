@@ -21,7 +21,7 @@ from fopid_core.model.poles import EPSILON
 from fopid_core.model.quasipolynomial import QuasiPolynomial
 from fopid_core.model.step_transforms import StepTransforms
 
-MOST_ELEMENTS = 40_000
+MOST_ELEMENTS = 12_000
 """In all delays together."""
 
 _DEGREES = (13, 18)
