@@ -11,7 +11,8 @@ from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
 from fopid_core.runtime.controller import ControllerSettings
-from fopid_core.study.replay import MOST_SAMPLES, evenly, figures, replay, simulated
+from fopid_core.study.replay import MOST_SAMPLES, evenly, figures, replay
+from fopid_core.study.replayed_loop import grown_steps, simulated
 
 from .days import PROCESS, H, day
 
@@ -20,7 +21,9 @@ RAN = Fopid(0.4, 0.4)
 
 def test_on_the_true_process_it_is_the_other_day_to_the_digits_of_the_machine() -> None:
     wanted = Fopid(0.9, 0.9, 0.05, 0.95, 0.9)
-    measurement, control = simulated(day(RAN, noise=0.0), [Process.parse(PROCESS)], ControllerSettings(wanted, H))
+    ran = day(RAN, noise=0.0)
+    grown = grown_steps(ran, [Process.parse(PROCESS)])
+    measurement, control = simulated(ran, grown, ControllerSettings(wanted, H))
     other = day(wanted, noise=0.0)
     assert np.abs(measurement[0] - other.measurement).max() < 1e-9
     assert np.abs(control[0] - other.control).max() < 1e-9
@@ -28,7 +31,9 @@ def test_on_the_true_process_it_is_the_other_day_to_the_digits_of_the_machine() 
 
 def test_limits_of_the_control_are_those_of_the_other_day() -> None:
     wanted, limits = Fopid(1.2, 1.0), {"control_max": 0.6, "control_rate_max": 3.0}
-    measurement, _ = simulated(day(RAN, noise=0.0), [Process.parse(PROCESS)], ControllerSettings(wanted, H, **limits))
+    ran = day(RAN, noise=0.0)
+    grown = grown_steps(ran, [Process.parse(PROCESS)])
+    measurement, _ = simulated(ran, grown, ControllerSettings(wanted, H, **limits))
     assert np.abs(measurement[0] - day(wanted, noise=0.0, **limits).measurement).max() < 1e-9
 
 

@@ -38,10 +38,8 @@ def _types(type_name: str, field: str) -> dict[str, object]:
 class ForeignLoop:
     """The foreign plant under a hand-made PI, and a tuner that knows nothing; setpoint 1."""
 
-    def __init__(self, graph: Graph, kind: str, gains: Mapping[str, float], *, steps: bool = True, **tuner: object):
+    def __init__(self, graph: Graph, gains: Mapping[str, float], *, steps: bool, **tuner: object) -> None:
         self.graph = graph
-        script = [sys.executable, str(Path(__file__).with_name("foreign_plant.py")), kind, *["steps"] * steps]
-        self.plant = subprocess.Popen(script, env=graph.environment)
         message = Temperature if steps else Float64
         types = _types(*("sensor_msgs/msg/Temperature", "temperature") if steps else ("std_msgs/msg/Float64", "data"))
         trigger = {"trigger": "lockstep"} if steps else {}
@@ -91,16 +89,17 @@ class ForeignLoop:
 
 @pytest.fixture
 def loops(graph: Graph) -> Any:
-    made: list[ForeignLoop] = []
+    plants: list[subprocess.Popen[bytes]] = []
 
-    def make(kind: str, gains: Mapping[str, float], **more: Any) -> ForeignLoop:
-        made.append(ForeignLoop(graph, kind, gains, **more))
-        return made[-1]
+    def make(kind: str, gains: Mapping[str, float], *, steps: bool = True, **tuner: object) -> ForeignLoop:
+        script = [sys.executable, str(Path(__file__).with_name("foreign_plant.py")), kind, *["steps"] * steps]
+        plants.append(subprocess.Popen(script, env=graph.environment))
+        return ForeignLoop(graph, gains, steps=steps, **tuner)
 
     yield make
-    for loop in made:
-        loop.plant.terminate()
-        loop.plant.wait(10)
+    for plant in plants:
+        plant.terminate()
+        plant.wait(10)
 
 
 @pytest.mark.slow

@@ -57,18 +57,15 @@ def replay_verb(
     as_json: bool,
 ) -> None:
     """What other gains would have done on a recorded day: a csv file with a setpoint, or a bag; no experiment."""
-    from fopid_core.study.records import read_record
     from fopid_core.study.replay import replay
 
-    limits: dict[str, Any] = {
-        "control_min": control_min,
-        "control_max": control_max,
-        "control_rate_max": control_rate_max,
-    }
+    limits = {"control_min": control_min, "control_max": control_max, "control_rate_max": control_rate_max}
     settings = _settings(gains, slow, setpoint_weights, limits)
-    signals = read_record(record, namespace, None, columns)
+    signals, ran = _read(record, namespace, columns)
+    if ran is not None:
+        settings = _as_it_ran(ran, settings, slow, setpoint_weights, limits)
     signals = signals.part(first, last) if math.isfinite(first) or math.isfinite(last) else signals
-    found = replay(signals, settings)
+    found = replay(signals, settings, tuned=gains is None)
     if plot and found.success:
         from fopid_core.cli.plots import plot_replay
 
@@ -96,22 +93,55 @@ def replay_verb(
 
 
 def _settings(
-    gains: str | None, slow: str | None, weights: str | None, limits: dict[str, Any]
+    gains: str | None, slow: str | None, weights: str | None, limits: dict[str, float]
 ) -> ControllerSettings | None:
     """The controller to replay, or None for one that is to be tuned."""
     from fopid_core.cli.options import read_loop
     from fopid_core.runtime.settings import as_designed
 
     if gains is None:
-        asked = {"filter": slow, "setpoint-weights": weights}
-        asked |= {name.replace("_", "-"): value for name, value in limits.items() if math.isfinite(value)}
-        given = [name for name, value in asked.items() if value is not None]
+        given = [name for name, value in {"filter": slow, "setpoint-weights": weights}.items() if value is not None]
+        given += [name.replace("_", "-") for name, value in limits.items() if math.isfinite(value)]
         if given:
             raise InputError(f"{given[0]} without gains; allowed: with --gains")
         return None
     loop = read_loop("1", gains, slow, weights)
-    inside = min(max(0.0, limits["control_min"]), limits["control_max"])
-    return replace(as_designed(loop.controller, 1.0, loop.filter, loop.weights), safe_control=inside, **limits)
+    return _limited(as_designed(loop.controller, 1.0, loop.filter, loop.weights), limits)
+
+
+def _limited(settings: ControllerSettings, limits: dict[str, float]) -> ControllerSettings:
+    low, high = limits.get("control_min", settings.control_min), limits.get("control_max", settings.control_max)
+    fastest = limits.get("control_rate_max", settings.control_rate_max)
+    inside = min(max(0.0, low), high)
+    return replace(settings, control_min=low, control_max=high, control_rate_max=fastest, safe_control=inside)
+
+
+def _read(path: Path, namespace: str | None, columns: str | None) -> tuple[Record, ControllerSettings | None]:
+    """The signals, and of a bag the settings of the controller that ran."""
+    from fopid_core.model.fopid import Fopid
+    from fopid_core.study.records import read_record, record_of_run, settings_of_run
+
+    if path.suffix.lower() == ".csv":
+        return read_record(path, namespace, None, columns), None
+    from fopid_core.study.bags.bag import read_bag
+
+    run = read_bag(path, namespace)
+    return record_of_run(run), settings_of_run(run, Fopid(0.0))
+
+
+def _as_it_ran(
+    ran: ControllerSettings, asked: ControllerSettings | None, slow: str | None, weights: str | None,
+    limits: dict[str, float],
+) -> ControllerSettings:  # fmt: skip
+    """The controller that ran, with what was asked for in its place."""
+    if asked is None:
+        return ran
+    changed: dict[str, Any] = {"gains": asked.gains}
+    if slow is not None:
+        changed |= {name: getattr(asked, name) for name in ("measurement_filter_order", "measurement_filter_time")}
+    if weights is not None:
+        changed |= {name: getattr(asked, name) for name in ("setpoint_weight", "derivative_setpoint_weight")}
+    return _limited(replace(ran, **changed), {name: value for name, value in limits.items() if math.isfinite(value)})
 
 
 def _write(found: Replay, record: Record, path: Path) -> None:

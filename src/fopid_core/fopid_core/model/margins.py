@@ -100,7 +100,8 @@ def margins(loop: Loop, peaks: LoopPeaks | None = None, *, jitter: bool = True) 
     peaks = peaks or LoopPeaks(loop)
     stable = bool(peaks.closed.all_left[0])
     z, response = refine(lambda x: loop(1j * np.exp(x)), _grid(loop, peaks.log_frequency))
-    crossovers = _crossings(lambda x: np.log(np.abs(loop(1j * np.exp(x)))), z, np.log(np.abs(response)))
+    with np.errstate(divide="ignore"):  # a loop next to nothing is zero somewhere
+        crossovers = _crossings(lambda x: np.log(np.abs(loop(1j * np.exp(x)))), z, np.log(np.abs(response)))
     phase_margin, crossover, delay_margin, slope = _phase_margin(loop, crossovers)
     phase_crossovers = _phase_crossings(loop, z, response)
     at_infinity = limits(loop.open_loop_numerator, loop.open_loop_denominator)[1]

@@ -16,7 +16,7 @@ from fopid_core.model.indices import INDEX_NAMES, Indices
 
 _POWERS = {"iae": (0, 1), "ise": (0, 2), "itae": (1, 1), "itse": (1, 2), "istes": (4, 2), "istse": (2, 2)}
 _FINE = 16  # parts of each interval next to a change of sign
-_ROUGH = 0.5  # third differences so large beside the first ones: a jump or a cusp
+_ROUGH = 0.05  # third differences so large beside the first ones: a jump or a cusp
 _BETWEEN = 0.065  # of the third difference is what a parabola misses between samples at most
 _JUMP = 1.5
 _UNKNOWN = 0.5  # an index with a larger relative error than this is not known
@@ -93,7 +93,8 @@ def _groups(groups: _Groups, power: int, square: int) -> tuple[float, float]:
     if square == 1 and groups.crossing.any():
         kinked = np.flatnonzero(groups.crossing)
         fine[kinked], doubt[kinked] = _kinks(groups.time[kinked], groups.error[kinked], power, step[kinked])
-    doubt = np.where(rough, doubt + _JUMP * trapezoids, doubt)
+    bent = step * np.abs(np.diff(f, n=3, axis=1)).max(axis=1)  # a cusp between samples can deceive both rules alike
+    doubt = np.where(rough, doubt + _JUMP * trapezoids + bent, doubt)
     return float(fine.sum()), float(doubt.sum())
 
 

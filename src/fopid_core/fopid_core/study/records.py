@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fopid_core.design.identification.record import Record
+from fopid_core.model.fopid import Fopid
+from fopid_core.runtime.settings import ControllerSettings
 from fopid_core.study.csv_columns import read_csv_signals
+from fopid_core.study.experiments.loop_parameters import GAINS, SETTING_KEYS, controller_settings
 from fopid_core.study.reports.limit_figures import limit_history
 from fopid_core.study.reports.run import Run
 
@@ -67,3 +71,16 @@ def record_of_run(run: Run, control_before: float | None = None) -> Record:
     limits: dict[str, Any] = {name: history[-1][1] for name in LIMITS if (history := limit_history(run, name))}
     held = control.held_at(time + 0.5 * run.sample_time)
     return Record(time, held, values, setpoint, control_before, **limits)
+
+
+def settings_of_run(run: Run, gains: Fopid) -> ControllerSettings:
+    """The controller's settings at the end of a run, as the bag tells them, but for the gains.
+
+    From the experiment that was run and the controller's parameter events; what neither tells is as in the node.
+    """
+    controllers = {change.node for change in run.parameters if change.name == "kp"}
+    known = dict(run.experiment.get("controller") or {})
+    known |= {change.name: change.value for change in run.parameters if change.node in controllers}
+    allowed = SETTING_KEYS.keys() - {*GAINS, "mode"}
+    given = {name: value for name, value in known.items() if name in allowed and not name.startswith("band.")}
+    return replace(controller_settings(given, run.sample_time), gains=gains)

@@ -134,6 +134,18 @@ class IdentifiedModel:
         measured = self._fit.response.measurement
         return self._fit.response.time, measured, measured - self._fit.residual
 
+    @property
+    def slopes(self) -> Floats:
+        """Derivatives of what the model makes of the control with respect to its numbers, at ``simulated``, (n, k)."""
+        return self._fit.sensitivity
+
+    def moved(self, moves: Floats) -> Process:
+        """The process with its numbers moved by these, in the order of ``slopes``, as far as their ranges allow."""
+        found, count = self._fit, self._fit.x.size
+        low, high = found.structure.bounds(found.response.sample_time, float(found.response.time[-1]))
+        gains = found.gains + moves[count : count + found.gains.size]
+        return found.structure.process(np.clip(found.x + moves[:count], low, high), gains)
+
     def sample(self, count: int, seed: int = 0) -> tuple[Process, ...]:
         """Processes that the record cannot tell from this one: drawn from the covariance, and held to the record."""
         if (count, seed) not in self._drawn:  # every design that is verified asks for the same

@@ -1,0 +1,127 @@
+"""What may not be linear in a process: an actuator that sticks, has play or a limit, a gain that bends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fopid_core.design.identification.record import Record
+from fopid_core.model.arrays import Booleans, Floats
+
+LEAST_SLOPE = 0.2
+"""Below this share of its gain in the middle, a bent characteristic goes on straight."""
+
+
+@dataclass(frozen=True)
+class Flaws:
+    """Of a process, before and behind its linear part; each a number, or an array of shape (m,) for m processes.
+
+    Attributes
+    ----------
+    dead_band : float
+        The stem stays while the control is no further than this from it.
+    slip : float
+        Then it comes up to the control (1: it sticks and jumps), or stays behind by the dead band (0: play).
+    low, high : float
+        Limits of what is felt of the control.
+    bend : float
+        The output is z + bend z^2 beside ``centre``, z what a linear process would show; straight where it is steep
+        or flat.
+    centre : float
+
+    Examples
+    --------
+    >>> Flaws(dead_band=1.0).felt(np.array([0.0, 0.8, 1.5, 0.6, 0.4]))
+    array([[0. , 0. , 1.5, 1.5, 0.4]])
+    >>> Flaws(dead_band=1.0, slip=0.0).felt(np.array([0.0, 0.8, 1.5, 0.6, -0.9]))
+    array([[0. , 0. , 0.5, 0.5, 0.1]])
+    >>> bent = Flaws(bend=0.1, centre=1.0)
+    >>> bool(np.isclose(bent.straight(bent.bent(2.5)), 2.5))
+    True
+    """
+
+    dead_band: Floats | float = 0.0
+    slip: Floats | float = 1.0
+    low: Floats | float = -math.inf
+    high: Floats | float = math.inf
+    bend: Floats | float = 0.0
+    centre: float = 0.0
+
+    def stem(self, control: Floats, before: Floats) -> Floats:
+        """Where the stem is under a control, shape (m,), and was before."""
+        limited = np.clip(control, self.low, self.high)
+        away = limited - before
+        behind = (1.0 - self.slip) * self.dead_band
+        return np.where(np.abs(away) > self.dead_band, limited - np.sign(away) * behind, before)
+
+    def felt(self, control: Floats) -> Floats:
+        """What is felt of a control, shape (n,), that begins where the stem is; shape (m, n)."""
+        count = np.broadcast(self.dead_band, self.slip, self.low, self.high).size
+        if not np.any(self.dead_band):
+            return np.clip(np.tile(control, (count, 1)), _column(self.low), _column(self.high))
+        stems = np.empty((count, control.size))
+        stem = np.clip(np.full(count, control[0]), self.low, self.high)
+        for k, value in enumerate(control.tolist()):
+            stems[:, k] = stem = self.stem(np.full(count, value), stem)
+        return stems
+
+    def bent(self, straight: Floats | float) -> Floats:
+        """The output where a linear process would show this."""
+        z, least, edge = self._about(straight)
+        inside = np.where(least, edge, z)
+        slope = 1.0 + 2.0 * self.bend * inside
+        return np.asarray(self.centre + inside * (1.0 + self.bend * inside) + slope * (z - inside))
+
+    def straight(self, output: Floats | float) -> Floats:
+        """What a linear process would show where the output is this."""
+        edge = self._edge()
+        y = np.asarray(output) - self.centre
+        steep = 1.0 + 4.0 * self.bend * y
+        inside = 2.0 * y / (1.0 + np.sqrt(np.maximum(steep, LEAST_SLOPE**2)))
+        at_edge = edge * (1.0 + self.bend * edge)
+        return np.asarray(self.centre + np.where(steep < LEAST_SLOPE**2, edge + (y - at_edge) / LEAST_SLOPE, inside))
+
+    def slope(self, output: Floats) -> tuple[float, float]:
+        """The smallest and the largest gain on the way, as shares of that at the centre; of one process."""
+        z = self.straight(output) - self.centre
+        shares = np.maximum(1.0 + 2.0 * np.asarray(self.bend) * z, LEAST_SLOPE)
+        return float(shares.min()), float(shares.max())
+
+    def _edge(self) -> Floats:
+        """Where the slope has fallen to the least, on the side where it falls."""
+        bend = np.where(np.abs(self.bend) > 1e-12, self.bend, 1e-12)
+        return np.asarray((LEAST_SLOPE - 1.0) / (2.0 * bend))
+
+    def _about(self, straight: Floats | float) -> tuple[Floats, Booleans, Floats]:
+        z = np.asarray(straight) - self.centre
+        return z, 1.0 + 2.0 * self.bend * z < LEAST_SLOPE, self._edge()
+
+    def of_record(self, record: Record) -> Record:
+        """The record as the linear part sees it; of one process."""
+        before = None if record.control_before is None else float(np.clip(record.control_before, self.low, self.high))
+        return replace(record, control=self.felt(record.control)[0], measurement=self.straight(record.measurement),
+                       control_before=before)  # fmt: skip
+
+    def __str__(self) -> str:
+        told = []
+        if self.dead_band:
+            told.append(f"the actuator {'sticks' if self.slip else 'has play'} within {self.dead_band:.3g}")
+        told += [f"the control is felt {side} {at:.4g} only" for side, at in (("above", self.low), ("below", self.high))
+                 if math.isfinite(at)]  # fmt: skip
+        if self.bend:
+            told.append(f"the gain changes by {100.0 * 2.0 * self.bend:.3g} % per unit of the measurement")
+        return ", ".join(told)
+
+
+def joined(flaws: Sequence[Flaws]) -> Flaws:
+    """Several as one, with arrays of shape (m,)."""
+    rows = [[each.dead_band, each.slip, each.low, each.high, each.bend] for each in flaws]
+    bands, slips, low, high, bends = np.array(rows, dtype=np.float64).T
+    return Flaws(bands, slips, low, high, bends, flaws[0].centre)
+
+
+def _column(value: Floats | float) -> Floats:
+    return np.reshape(value, (-1, 1)) if np.ndim(value) else np.full((1, 1), value)
