@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -14,6 +15,7 @@ from rclpy.action import ActionClient
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float64
 
+from fopid_core.design.certificate.checker import check
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
@@ -239,3 +241,23 @@ def test_a_plant_that_does_not_answer_is_refused(loops: Any) -> None:
     result = loop.outcome(loop.autotune(deviation_max=0.2, duration=5.0)).result
     assert not result.success
     assert "off the setpoint" in result.message
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(240)
+def test_gains_are_handed_over_with_a_proof_for_all_that_the_record_leaves_possible(loops: Any) -> None:
+    loop = loops("reversed", {"kp": -0.5, "ki": -1.0}, **{"verify.region": "ellipsoid", "verify.worst_ms_max": 2.5})
+    loop.until_at_rest()
+    result = loop.outcome(loop.autotune(deviation_max=0.2, duration=8.0), patience=200.0).result
+    assert result.applied, result.message
+    [proof] = loop.graph.get("fopid_controller", "gains.certificate")
+    assert check(proof) == ""
+    proved = json.loads(proof)
+    assert proved["gains"] == loop.gains()
+    assert proved["region"] == "ball"
+    assert proved["claims"]["stable"]
+    assert proved["claims"]["share"] == 1.0
+    assert proved["claims"]["ms_max"] == pytest.approx(2.5, rel=2e-6)
+    true = Loop(read_process("-1.5/((0.4s+1)(0.1s+1))*exp(-0.015s)"), Fopid(*loop.gains()))
+    assert stability(true).stable
+    assert margins(true).ms < 2.5
