@@ -32,6 +32,7 @@ ONCE_BROKEN = [
     ["tune", "time", "1/(s+1)", "--start", "1,9,0,2,1", "--bound", "lam=2,2", "--bound", "ki=9,9", "--timeout", "1"],
     ["evaluate", "1/(-(3s^2+0s+3))", "--gains", "2,1e3,3,1.2,1", "--json"],
     ["evaluate", "1/s", "--gains", "0,0,1e-320,0.5,0.5", "--json"],
+    ["identify", "record.csv", "--control-before", "-inf", "--json"],
     ["step", "1.42/(0.484s+1)*exp(-0.403s)", "--gains", "0.691,0.437,0,1,1", "--horizon", "2.418"],
 ]
 

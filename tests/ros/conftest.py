@@ -76,6 +76,7 @@ class Graph:
         self.domain = domain
         self._folder = folder
         self._processes: list[NodeProcess] = []
+        self._strangers: list[subprocess.Popen[bytes]] = []
         self._clients: dict[str, Any] = {}
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
@@ -94,6 +95,11 @@ class Graph:
         process = NodeProcess(executable, [*ros_arguments(parameters), *more], self.environment, log)
         self._processes.append(process)
         return process
+
+    def run_script(self, script: Path, *arguments: str) -> subprocess.Popen[bytes]:
+        """Run a Python script that is none of our nodes; it ends with the test."""
+        self._strangers.append(subprocess.Popen([sys.executable, str(script), *arguments], env=self.environment))
+        return self._strangers[-1]
 
     def spin(self, seconds: float) -> None:
         self.executor.spin_until_future_complete(Future(), timeout_sec=seconds)
@@ -190,10 +196,11 @@ class Graph:
         return [parameter_value_to_python(value) for value in answer.values]
 
     def close(self) -> None:
-        for process in self._processes:
+        processes = [*self._processes, *self._strangers]
+        for process in processes:
             if process.poll() is None:
                 process.terminate()
-        for process in self._processes:
+        for process in processes:
             try:
                 process.wait(5)
             except subprocess.TimeoutExpired:

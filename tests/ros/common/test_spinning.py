@@ -19,6 +19,22 @@ while True:
 """
 
 
+STARTS_FOR_EVER = """
+import time
+from fopid_ros.common import spinning
+from fopid_ros.common.managed_node import run_all
+spinning.START_LIMIT = 1.0
+run_all([lambda: time.sleep(100.0)], [])
+"""
+
+
+@pytest.mark.slow
+def test_a_process_whose_start_hangs_is_ended_outright_and_says_where() -> None:
+    ended = subprocess.run([sys.executable, "-c", STARTS_FOR_EVER], capture_output=True, text=True, timeout=60)
+    assert ended.returncode != 0
+    assert "run_all" in ended.stderr
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_process_that_hangs_is_ended_outright_and_says_where(number: int) -> None:

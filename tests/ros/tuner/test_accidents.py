@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import os
 import signal
-from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import pytest
@@ -26,17 +26,8 @@ TRIAL_TIMEOUT = 3.0
 
 
 @pytest.fixture
-def loops(graph: Graph) -> Iterator[Any]:
-    made: list[ForeignLoop] = []
-
-    def make(kind: str) -> ForeignLoop:
-        made.append(ForeignLoop(graph, kind, PI))
-        return made[-1]
-
-    yield make
-    for loop in made:
-        loop.plant.terminate()
-        loop.plant.wait(10)
+def loops(graph: Graph) -> Any:
+    return partial(ForeignLoop, graph, gains=PI)
 
 
 def watched(loop: ForeignLoop) -> tuple[Any, list[float]]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +39,9 @@ def _types(type_name: str, field: str) -> dict[str, object]:
 class ForeignLoop:
     """The foreign plant under a hand-made PI, and a tuner that knows nothing; setpoint 1."""
 
-    def __init__(self, graph: Graph, gains: Mapping[str, float], *, steps: bool, **tuner: object) -> None:
+    def __init__(self, graph: Graph, kind: str, gains: Mapping[str, float], *, steps: bool = True, **tuner: object):
         self.graph = graph
+        self.plant = graph.run_script(Path(__file__).with_name("foreign_plant.py"), kind, *["steps"] * steps)
         message = Temperature if steps else Float64
         types = _types(*("sensor_msgs/msg/Temperature", "temperature") if steps else ("std_msgs/msg/Float64", "data"))
         trigger = {"trigger": "lockstep"} if steps else {}
@@ -91,17 +91,7 @@ class ForeignLoop:
 
 @pytest.fixture
 def loops(graph: Graph) -> Any:
-    plants: list[subprocess.Popen[bytes]] = []
-
-    def make(kind: str, gains: Mapping[str, float], *, steps: bool = True, **tuner: object) -> ForeignLoop:
-        script = [sys.executable, str(Path(__file__).with_name("foreign_plant.py")), kind, *["steps"] * steps]
-        plants.append(subprocess.Popen(script, env=graph.environment))
-        return ForeignLoop(graph, gains, steps=steps, **tuner)
-
-    yield make
-    for plant in plants:
-        plant.terminate()
-        plant.wait(10)
+    return partial(ForeignLoop, graph)
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -29,11 +28,8 @@ CLOCKS = 0.02  # [s] between the reading of a state's stamp and that of its age
 
 
 @pytest.fixture
-def loop(graph: Graph) -> Iterator[ForeignLoop]:
-    made = ForeignLoop(graph, "saturating", PI, steps=False)
-    yield made
-    made.plant.terminate()
-    made.plant.wait(10)
+def loop(graph: Graph) -> ForeignLoop:
+    return ForeignLoop(graph, "saturating", PI, steps=False)
 
 
 def excited(loop: ForeignLoop, **goal: Any) -> tuple[Any, list[FopidState]]:

@@ -39,7 +39,7 @@ from fopid_ros.common.parameters import (
     without_idle,
 )
 from fopid_ros.common.shared_memory import remove_abandoned_segments
-from fopid_ros.common.spinning import StopSignal, check_domain, log_warnings, spin_until
+from fopid_ros.common.spinning import StopSignal, check_domain, log_warnings, spin_until, start_limited
 
 DIAGNOSTICS_PERIOD = 1.0
 """[s, on a steady clock]"""
@@ -345,14 +345,15 @@ def run_all(
         refuse_other_arguments(sys.argv[1:] if args is None else args, own)
         check_domain()
         remove_abandoned_segments()
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        for make in makers:
-            nodes.append(make())
-            if len(nodes) == 1:
-                log_warnings(nodes[0].get_logger().warning)
-        for node in nodes:
-            at = f"{node.get_fully_qualified_name()}: " if len(makers) > 1 else ""
-            node.start()
+        with start_limited(stop):
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+            for make in makers:
+                nodes.append(make())
+                if len(nodes) == 1:
+                    log_warnings(nodes[0].get_logger().warning)
+            for node in nodes:
+                at = f"{node.get_fully_qualified_name()}: " if len(makers) > 1 else ""
+                node.start()
     except (InputError, InvalidNodeNameException, InvalidNamespaceException, RCLError) as error:
         print(f"error: {at}{' '.join(str(error).split())}", file=sys.stderr)
         for node in nodes:

@@ -8,7 +8,8 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 from rclpy.experimental.events_executor import EventsExecutor
@@ -22,6 +23,9 @@ FINISH_TIME = 3.0
 JOIN_TIME = 1.0  # how long the callback that runs just now may take to end [s]
 HARD_STOP = 6.0
 """A process that was told to stop and has not ended after so long [s] is ended outright, with tracebacks on stderr."""
+START_LIMIT = 120.0
+"""A process whose nodes do not stand after so long [s] is ended outright: the transport may wait for ever, deaf to
+signals, for shared memory whose maker was killed while he made it."""
 LAST_DOMAIN = 232  # its UDP ports are the last below 65536
 CLOCK_WATCH_PERIOD = 0.1  # how often the system clock is looked at, and by how much it may be set back unseen [s]
 
@@ -55,6 +59,17 @@ class StopSignal:
         # A thread of C, which needs no lock of Python's: whatever hangs, and in whatever library, it ends.
         faulthandler.dump_traceback_later(HARD_STOP, exit=True)
         self.event.set()
+
+
+@contextmanager
+def start_limited(stop: StopSignal) -> Iterator[None]:
+    """End the process when what is within takes longer than ``START_LIMIT``."""
+    faulthandler.dump_traceback_later(START_LIMIT, exit=True)
+    try:
+        yield
+    finally:
+        if not stop.event.is_set():  # that has set a limit of its own
+            faulthandler.cancel_dump_traceback_later()
 
 
 def check_domain() -> None:

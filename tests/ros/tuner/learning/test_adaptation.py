@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import pytest
@@ -55,16 +56,7 @@ class WorkingLoop(ForeignLoop):
 
 @pytest.fixture
 def working(graph: Any) -> Any:
-    made: list[WorkingLoop] = []
-
-    def make(**tuner: object) -> WorkingLoop:
-        made.append(WorkingLoop(graph, **tuner))
-        return made[-1]
-
-    yield make
-    for loop in made:
-        loop.plant.terminate()
-        loop.plant.wait(10)
+    return partial(WorkingLoop, graph)
 
 
 @pytest.mark.slow

@@ -72,6 +72,8 @@ class Record:
         if not (self.control_min < self.control_max and self.control_rate_max > 0.0):
             given = f"control from {self.control_min:g} to {self.control_max:g}, rate up to {self.control_rate_max:g}"
             raise InputError(f"{given}; allowed: the lower limit first, a rate above 0")
+        if self.control_before is not None and not math.isfinite(self.control_before):
+            raise InputError(f"control_before = {self.control_before}; allowed: a finite number")
         behind = np.flatnonzero(np.diff(self.time) <= 0.0)
         if behind.size:
             given = f"time = {self.time[behind[0] + 1]:g} at row {behind[0] + 2}"
