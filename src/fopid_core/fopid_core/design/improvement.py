@@ -34,6 +34,9 @@ MS_MAX = 1.8
 """Of the designs in time that are tried."""
 STRUCTURES, FILTER_ORDER = ("pi", "pid", "fopid"), 2
 """Of those designs, and the order of their filter of the measurement, whose time is chosen with the gains."""
+WHOLE_INTEGRAL = {"lam": 1.0}
+"""Of all of them: it holds the plant's operating point, which one of another order reads out of the whole past anew, so
+that the control jumps as it takes over."""
 CLEAR = 0.95
 """Share of a bound on the noise gain that is aimed at where a design broke it."""
 QUIETER = (0.5, 0.25, 0.125)
@@ -282,6 +285,7 @@ def _in_time(request: TuningRequest, judge: LoopJudge, identified: Identificatio
         load_weight=LOAD_WEIGHTED * judge.load_scale, filter_order=FILTER_ORDER, two_degrees=True,
         ms_max=request.ms_max or MS_MAX, u_max=judge.control_peak,
         phase_margin=None, crossover=None, t_max=None, s_max=None, rule=None, bounds=_box(identified, judge),
+        fixed={**WHOLE_INTEGRAL, **request.fixed},
     )  # fmt: skip
 
 

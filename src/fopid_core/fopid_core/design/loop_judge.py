@@ -140,10 +140,8 @@ class LoopJudge:
 
     def score(self, new: LoopWorth) -> float:
         """Errors beside those of the running gains; less control from noise is worth some error."""
-        if self.textbook is None:
-            return self.errors(new)
         quiet = max(new.noise_gain / self.noise_gain_aim, LEAST_SHARE)
-        short = max(new.load / (AHEAD * self.textbook.load), 1.0)
+        short = max(new.load / (AHEAD * self.textbook.load), 1.0) if self.textbook else 1.0
         return float(self.errors(new) * quiet**QUIET_WEIGHT * short**SHORT_WEIGHT)
 
     def errors(self, new: LoopWorth) -> float:
