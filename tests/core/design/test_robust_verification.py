@@ -131,3 +131,14 @@ def test_a_margin_that_is_not_known_is_not_met(monkeypatch: pytest.MonkeyPatch) 
             judged = robustness(controller, pair, limits)
             assert not judged.met
             assert judged.worst == pair[k] or "ms" not in unknown
+
+
+def test_a_design_that_rings_as_it_runs_gives_way_to_a_slower_one() -> None:
+    learnt = identify(step_record("2/(10s+1)", 100.0, 1.0, noise=0.001), "foptd")
+    request = TuningRequest("P1", "frequency", crossover=0.02, sample_time=1.0)
+    found = tune_robustly(learnt, request, RobustLimits(samples=5))
+    assert found.success, found.message
+    assert found.attempts == 3
+    assert found.tuning is not None
+    assert found.tuning.running is not None
+    assert found.tuning.running.ms < 2.2, "the first design's is 4.69"

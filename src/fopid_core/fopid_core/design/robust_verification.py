@@ -227,11 +227,20 @@ def tune_robustly(
         if reason:
             continue
         judged = robustness(tuning.controller, processes, limits, tuning.filter)
-        if judged.met:
+        reason = _rings_as_it_runs(tuning, careful.sample_time, limits) if judged.met else ""
+        if judged.met and not reason:
             message = f"{tuning.message}; {judged}"
             return RobustTuning(True, message, tuning, judged, attempts, clock() - begun)
     message = reason or _refusal(tuning, judged, attempts, limits)
     return RobustTuning(False, message, tuning, judged, attempts, clock() - begun)
+
+
+def _rings_as_it_runs(tuning: TuningResult, sample_time: float, limits: RobustLimits) -> str:
+    """Why the sampled, held loop is not to be had, which a design in continuous time does not know; or nothing."""
+    if tuning.running is None or tuning.running.ms <= limits.ms_max:
+        return ""
+    runs = f"as it runs, with ticks of {sample_time:g} s, its Ms is {tuning.running.ms:.3g}"
+    return f"{runs}; allowed: {limits.ms_max:g} at most; a shorter sample time helps"
 
 
 def first_request(identified: IdentificationResult, request: TuningRequest) -> TuningRequest:
