@@ -212,9 +212,6 @@ def tune_recorded(
             allowed = f"{bounds.control_from_noise:.3g} is allowed: no quieter design was found"
             filters = "; tune time chooses a filter as well" if method == "frequency" else ""
             success, told = False, f"{told}, {allowed}{filters}"
-    if success and _running_ms(tuned.tuning) > limits.ms_max:
-        runs = f"as it runs, its Ms is {_running_ms(tuned.tuning):.3g}"
-        success, told = False, f"{told}; {runs}, up to {limits.ms_max:g} is allowed: ask for a shorter sample time"
     message = f"{identified.message}; from the record: {bounds.told}; {told}"
     return RecordedTuning(success, message, identified, noise, bounds, request, tuned, taken)
 
@@ -228,10 +225,9 @@ def _quiet(
     first = tuned.tuning
     if first is None or first.achieved is None or not _is_free(request, given):
         return request, tuned
-    for share in SLOWER:  # a design that runs badly is made slower, too
+    for share in SLOWER:
         excess = _control_noise(request.process, tuned.tuning, bounds) / max(bounds.control_from_noise, 1e-300)
-        restless = request.method == "frequency" and _running_ms(tuned.tuning) > limits.ms_max
-        if excess <= 1.0 and not restless:
+        if excess <= 1.0:
             break
         if request.method == "frequency":
             request = replace(request, crossover=share * first.achieved.crossover)
@@ -239,11 +235,6 @@ def _quiet(
             request = replace(request, noise_rms_max=CLEAR * request.noise_rms_max / excess)
         tuned = tune_robustly(identified, request, limits, clock)
     return request, tuned
-
-
-def _running_ms(tuning: TuningResult | None) -> float:
-    """Of the sampled, held loop, which a design in continuous time does not know; 0 without a design."""
-    return 0.0 if tuning is None or tuning.running is None else tuning.running.ms
 
 
 def _is_free(request: TuningRequest, given: Mapping[str, Any]) -> bool:
