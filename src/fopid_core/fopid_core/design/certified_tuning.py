@@ -76,4 +76,4 @@ def certificate_or_refusal(
         return "", "not applied: no design to certify"
     if found.certified is True and found.document is not None:
         return found.document, ""
-    return "", f"not applied: no certificate (verify.certify): {found.reason}"
+    return "", f"not applied: no certificate: {found.reason}"
