@@ -35,7 +35,7 @@ def publish_once(graph: Graph, value: float) -> None:
     rclpy.shutdown(context=context)
 
 
-@pytest.mark.parametrize("times", [2, pytest.param(25, marks=[pytest.mark.slow, pytest.mark.timeout(600)])])
+@pytest.mark.parametrize("times", [2, pytest.param(10, marks=[pytest.mark.slow, pytest.mark.timeout(600)])])
 def test_a_setpoint_published_once_reaches_the_controller_beside_a_tuner(graph: Graph, times: int) -> None:
     graph.start("plant_simulator", {})
     graph.start(NAME, {"kp": 1.0})
