@@ -38,6 +38,8 @@ BAND = 0.35
 BACK, ADDEND_GONE, TRIAL_GONE = 10.0, 1.5, 5.0
 """Within these times the loop is back, an addend without author is gone, a trial without author is over [s]: what
 docs/fail_safe.md promises (1 s, 3 s), and what a busy machine takes to start a process and to notice."""
+ANSWER = 60.0
+"""A tuner that lives answers within that, also after it was stopped or while the controller is away [s]."""
 NAMES = ("kp", "ki", "kd", "lam", "mu")
 
 
@@ -73,7 +75,7 @@ class Campaign:
         (work,) = self.draw.choices(list(OFTEN), list(OFTEN.values()))
         before, _ = self.gains()
         began = time.monotonic()
-        goal = self._begin(work)
+        asked, goal = self._begin(work)
         self.graph.spin(self.draw.uniform(0.0, LONGEST[work]))
         struck, back = self._strike(blow)
         what = f"{work}, {blow} of {self.victim} at {struck:.3f}"
@@ -83,20 +85,22 @@ class Campaign:
         )  # fmt: skip
         self.tally.recovered.append(max(0.0, settled - back))
         self._addend_is_gone(struck, blow, what)
-        self._end(goal)
+        self._end(asked, goal, answers=self.victim != "fopid_tuner" or blow == "stop", what=what)
         self._gains_are_as_promised(before, work, what)
         self._controls_are_within_limits(began, what)
         key = f"{work}, {blow}"
         self.tally.blows[key] = self.tally.blows.get(key, 0) + 1
 
-    def _begin(self, work: str) -> Any:
+    def _begin(self, work: str) -> tuple[Future | None, Any]:
+        """The answer to come, and the goal that it belongs to."""
+        if work == "idle":
+            return None, None
         if work == "autotuning":
-            return self._accepted_goal()
-        if work != "idle":
-            margin = self.draw.uniform(1.1, 1.35)
-            wanted = {"phase_margin": margin, "crossover": 6.0} if work == "applying" else {"method": "time"}
-            self._tune.call_async(Tune.Request(process=PROCESS, apply=work == "applying", **wanted))
-        return None
+            goal = self._accepted_goal()
+            return goal.get_result_async(), goal
+        margin = self.draw.uniform(1.1, 1.35)
+        wanted = {"phase_margin": margin, "crossover": 6.0} if work == "applying" else {"method": "time"}
+        return self._tune.call_async(Tune.Request(process=PROCESS, apply=work == "applying", **wanted)), None
 
     def _accepted_goal(self) -> Any:
         """A goal is sent until a tuner accepts it: a killed one is listed for a while yet, a busy one ends its work."""
@@ -136,9 +140,12 @@ class Campaign:
             self.tally.addends.append(gone - struck)
             assert gone - struck < ADDEND_GONE, what
 
-    def _end(self, goal: Any) -> None:
+    def _end(self, asked: Future | None, goal: Any, *, answers: bool, what: str) -> None:
+        """Nothing goes on into the next instant: a tuner that has lived through the blow gives its answer first."""
         if goal is not None:
             goal.cancel_goal_async()
+        if asked is not None and answers:
+            self.rig.wait(asked.done, f"an answer after {what}", ANSWER)
         self.rig.graph.await_restarted("fopid_controller")
         self.rig.graph.await_restarted("fopid_tuner")
 
