@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, identify
+from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.record import Record
 from fopid_core.design.loop_worth import noise_gain
@@ -106,21 +106,29 @@ class RecordedTuning:
     taken: Mapping[str, Any] = field(default_factory=dict)
 
 
-def recorded_bounds(record: Record, best: IdentifiedModel, noise: SensorNoise, sample_time: float) -> RecordedBounds:
+def recorded_bounds(
+    record: Record, process: Process, noise: SensorNoise, sample_time: float, unexplained: float = 0.0
+) -> RecordedBounds:
     """What a record says beside its process.
 
     Parameters
     ----------
     record : Record
-    best : IdentifiedModel
-        Learnt from it; where the measurement nowhere rests, what this leaves unexplained counts as noise.
+    process : Process
+        Learnt from it, or known.
     noise : SensorNoise
     sample_time : float
         Of the controller as it will run [s].
+    unexplained : float
+        What the process leaves of the measurement, which counts as noise where it nowhere rests.
     """
-    level = noise.level if noise.at_rest else best.noise
-    seen = "at rest" if noise.at_rest else "as the model leaves it, since the measurement nowhere rests"
-    parts = [f"sample time {sample_time:.4g} s", f"noise {level:.3g} {seen}"]
+    level = noise.level if noise.at_rest else unexplained
+    if noise.at_rest or unexplained:
+        seen = "at rest" if noise.at_rest else "as the model leaves it, since the measurement nowhere rests"
+        heard = f"noise {level:.3g} {seen}"
+    else:
+        heard = "noise not known, since the measurement nowhere rests"
+    parts = [f"sample time {sample_time:.4g} s", heard]
     if noise.step:
         parts.append(f"quantised in steps of {noise.step:.3g}")
     room = record.control_max - record.control_min
@@ -132,7 +140,7 @@ def recorded_bounds(record: Record, best: IdentifiedModel, noise: SensorNoise, s
     if level > 0.0:
         parts.append(f"noise may move the control by {allowed:.3g}, {of}")
     step = _largest_step(record)
-    u_max = _peak(record, best.process, step)
+    u_max = _peak(record, process, step)
     rate_max = record.control_rate_max / step if step and math.isfinite(record.control_rate_max) else None
     if u_max is not None:
         parts.append(f"limits leave a control peak of {u_max:.4g} to a unit step, for steps of {step:.3g}")
@@ -198,7 +206,7 @@ def tune_recorded(
     best = identified.best
     if not identified.success or best is None:
         return RecordedTuning(False, identified.message, identified, noise)
-    bounds = recorded_bounds(record, best, noise, given.get("sample_time", record.sample_time))
+    bounds = recorded_bounds(record, best.process, noise, given.get("sample_time", record.sample_time), best.noise)
     own = bounds.options(method)
     if "noise_max" in given:
         own = {name: value for name, value in own.items() if not name.startswith("noise_")}
@@ -206,7 +214,7 @@ def tune_recorded(
     request = TuningRequest(best.process, method, **{**own, **given})
     request, tuned = _quiet(identified, request, given, limits, bounds, clock)
     success, told = tuned.success, tuned.message
-    if success and tuned.tuning is not None and (moved := _control_noise(best.process, tuned.tuning, bounds)):
+    if success and tuned.tuning is not None and (moved := control_noise(best.process, tuned.tuning, bounds)):
         told = f"{told}; noise moves the control by {moved:.3g}"
         if moved > bounds.control_from_noise and _is_free(request, given):
             allowed = f"{bounds.control_from_noise:.3g} is allowed: no quieter design was found"
@@ -226,7 +234,7 @@ def _quiet(
     if first is None or first.achieved is None or not _is_free(request, given):
         return request, tuned
     for share in SLOWER:
-        excess = _control_noise(request.process, tuned.tuning, bounds) / max(bounds.control_from_noise, 1e-300)
+        excess = control_noise(request.process, tuned.tuning, bounds) / max(bounds.control_from_noise, 1e-300)
         if excess <= 1.0:
             break
         if request.method == "frequency":
@@ -243,7 +251,7 @@ def _is_free(request: TuningRequest, given: Mapping[str, Any]) -> bool:
     return request.method in decide and not any(name in given for name in decide[request.method])
 
 
-def _control_noise(process: Process, tuning: TuningResult | None, bounds: RecordedBounds) -> float:
+def control_noise(process: Process, tuning: TuningResult | None, bounds: RecordedBounds) -> float:
     """By how much noise moves the control of a design, as a standard deviation; 0 without a design or noise."""
     if tuning is None or tuning.controller is None or not bounds.noise:
         return 0.0

@@ -29,6 +29,7 @@ from fopid_ros.common.signals import header_stamp
 from fopid_ros.common.spinning import FINISH_TIME
 from fopid_ros.tuner.controller_client import ANSWER_TIME, ControllerClient, RunningDesign
 from fopid_ros.tuner.handover import proof, refusal
+from fopid_ros.tuner.heard import Heard, hear
 from fopid_ros.tuner.jobs import Job, Jobs
 from fopid_ros.tuner.learning.loop_tap import LoopTap
 from fopid_ros.tuner.learning.loop_wait import CancelledError, LoopWait, Stage
@@ -57,6 +58,8 @@ if TYPE_CHECKING:  # what learns needs scipy: it is loaded by the first request,
 
 PERIOD = 1.0
 """Between two questions whether a look at the loop is due [s, on a steady clock]."""
+QUIETER = 2
+"""How often a design in time is made anew since noise would move the control too far."""
 BUSY = "busy with another request; ask again when it is answered"
 
 
@@ -207,16 +210,15 @@ class TunerNode(ManagedNode):
             jobs.end()
 
     def _tune(self, request: Tune.Request, response: Tune.Response, job: Job) -> None:
-        from fopid_core.design.tuner import tune
-
         values = self.values()
         wanted = tuning_request(request, values)
-        result = tune(wanted, clock=job.clock)
-        job.go_on()
+        own = request.apply or not request.process  # else it is about another process than the loop's
+        heard = hear(self._tap.history, self._controller, wanted) if own else Heard()
+        wanted, result, told = self._tuned(heard.bounded(wanted), heard, job)
         applied = self._apply(wanted, result, values) if request.apply else Applied(False, "")
         response.success = result.success and (applied.done or not request.apply)
         response.applied = applied.done
-        response.message = "; ".join(text for text in (result.message, applied.message) if text)
+        response.message = "; ".join(text for text in (result.message, told, applied.message) if text)
         response.unmet = list(result.unmet)
         response.elapsed = result.elapsed
         if result.controller is not None:
@@ -226,6 +228,21 @@ class TunerNode(ManagedNode):
         fill_measures(response.achieved, result)
         self._publish_result(response, wanted, applied)
         self.get_logger().info(f"{wanted.method}: {response.message}")
+
+    def _tuned(self, wanted: TuningRequest, heard: Heard, job: Job) -> tuple[TuningRequest, TuningResult, str]:
+        """A design; a quieter one where noise would move the control too far and nobody has said what decides that."""
+        from fopid_core.design.tuner import tune
+
+        result = tune(wanted, clock=job.clock)
+        for _ in range(QUIETER):
+            job.go_on()
+            excess = heard.excess(wanted, result)
+            quieter = heard.quieter(wanted, excess) if excess > 1.0 else None
+            if quieter is None:
+                break
+            wanted, result = quieter, tune(quieter, clock=job.clock)
+        job.go_on()
+        return wanted, result, heard.told_with(heard.excess(wanted, result))
 
     def _apply(self, wanted: TuningRequest, result: TuningResult, values: dict[str, Any]) -> Applied:
         """Hand over a design with its filter, if it is fit for the controller's own ticks and proved where asked.
