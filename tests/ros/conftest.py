@@ -47,6 +47,16 @@ def own_domain() -> AbstractContextManager[int]:
     return domain_id(lambda: next(_DOMAINS))
 
 
+MALFORMED = (
+    b"\0", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 5, b"\0\1\0\0" + bytes(8) + b"\xff\xff\xff\xff",
+    b"\0\0\0\0\1", b"\0\0\0\0" + bytes(8) + b"\x7f\xff\xff\xff", b"\7\7\0\0\1",
+)  # fmt: skip
+"""Bytes that are no message of the loop: cut short, with lengths beyond their end, of either byte order, of none.
+
+Not none at all: of a publisher of those a reliable reader of Fast DDS hears nothing more.
+"""
+
+
 def without_middleware(text: str) -> str:
     """A log without what Fast DDS tells by itself.
 

@@ -11,13 +11,14 @@ from builtin_interfaces.msg import Time
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Range, Temperature
 from std_msgs.msg import Bool, Float32, Float64, Int8, String, UInt64
 from std_msgs.msg import Header as HeaderMessage
 
 from fopid_core.errors import InputError
 from fopid_msgs.msg import FopidState, ScalarStamped
-from fopid_ros.common.cdr import FORMATS, Layout, layout_of
+from fopid_ros.common.cdr import FORMATS, Layout, fault_finder, layout_of
 from fopid_ros.common.signals import SignalType
 
 FLAT = (ScalarStamped, FopidState, Temperature, FluidPressure, Float64, Bool, Int8, UInt64, Time)
@@ -108,6 +109,40 @@ def test_a_message_cut_short_is_an_error_and_no_number(length: int) -> None:
     data = serialize_message(ScalarStamped(value=1.0))[:length]
     with pytest.raises((struct.error, RuntimeError), match=r"buffer|deserialize"):
         Layout(ScalarStamped).numbers(data)
+
+
+SEEDS = (
+    serialize_message(ScalarStamped(header=header(3, 4, "base_link"), value=1.0)),
+    serialize_message(FopidState(kp=1.0, stale=True)),
+    b"\0\0\0\0" + struct.pack(">iII", 3, 4, 5) + b"base\0" + bytes(7) + struct.pack(">d", -2.5),
+)
+CUT = st.builds(lambda data, *ends: data[slice(*ends)], st.sampled_from(SEEDS), st.integers(0, 20), st.integers(0, 250))
+CHANGED = st.builds(
+    lambda data, at, new: data[:at] + new + data[at + len(new) :],
+    st.sampled_from(SEEDS), st.integers(0, 40), st.binary(min_size=1, max_size=8),
+)  # fmt: skip
+HOSTILE = st.builds(
+    lambda length, more: SEEDS[0][:12] + struct.pack("<I", length) + more,
+    st.integers(0, 2**32 - 1), st.binary(max_size=40),
+)  # fmt: skip
+READ = (ScalarStamped, FopidState, Float64, Clock, String)
+
+
+@settings(derandomize=True, deadline=None, max_examples=150)
+@given(st.sampled_from(READ), st.binary(max_size=60) | CUT | CHANGED | HOSTILE)
+def test_bytes_of_any_kind_are_a_message_or_have_a_fault_and_nothing_that_rclpy_reads_is_refused(
+    kind: Any, data: bytes
+) -> None:
+    fault = fault_finder(kind)(data)
+    assert fault in ("", f"{len(data)} bytes that are no {kind.__name__}")
+    try:
+        deserialize_message(data, kind)
+    except RuntimeError:
+        pass
+    else:
+        assert not fault
+    if not fault and layout_of(kind):
+        assert len(Layout(kind).unpack(data)) == 1 + len(fields(kind))
 
 
 def test_every_kind_of_number_has_the_size_that_cdr_gives_it() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 import signal
 import subprocess
@@ -31,7 +32,7 @@ from fopid_core.study.reports.completeness import samples
 from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
 from fopid_ros.experiment.recorder import Recorder
 
-from ..conftest import BIN, Graph, without_middleware
+from ..conftest import BIN, MALFORMED, Graph, without_middleware
 
 FAST_TOPICS = {"setpoint": ScalarStamped, "measurement": ScalarStamped, "state": FopidState, "/clock": Clock}
 
@@ -194,6 +195,22 @@ def test_messages_are_logged_at_their_own_stamp_or_else_at_the_nodes_clock(graph
     unset = [time for topic, time in times if topic in "/a/c" and time not in (5_000_000_007, 8_000_000_000)]
     assert len(unset) == 2  # a stamp that nobody filled in, and one from before 1970
     assert all(start < time < before for time in unset)
+
+
+def test_bytes_that_are_no_message_are_not_recorded_and_the_rest_is(
+    graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    kinds = {"a": ScalarStamped, "b": TuningResult}
+    recorder = record(graph, tmp_path / "bag", kinds)
+    for topic, kind in kinds.items():
+        publisher = graph.node.create_publisher(kind, topic, 100)
+        graph.until(publisher.get_subscription_count, f"a subscriber of {topic}")
+        for data in MALFORMED:
+            publisher.publish(data)
+        publish(graph, recorder, topic, kind())
+    recorder.close()
+    assert [topic for topic, _ in stored(tmp_path / "bag")] == ["/a", "/b"]
+    assert re.search(r"/a: \d+ bytes that are no ScalarStamped; not recorded \(1 so far\)", capfd.readouterr().err)
 
 
 def test_definitions_are_complete_and_their_hashes_those_of_the_installed_types(graph: Graph, tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import struct
 from collections import namedtuple
-from collections.abc import Iterable
-from functools import cache, cached_property
+from collections.abc import Callable, Iterable
+from functools import cache, cached_property, partial
 from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any
@@ -47,6 +47,30 @@ def layout_of(message_type: Any) -> Layout | None:
     if next(iter(fields)) == "header":
         fields.pop("header")
     return Layout(message_type) if fields and set(fields.values()) <= set(FORMATS) else None
+
+
+@cache
+def fault_finder(message_type: Any) -> Callable[[bytes], str]:
+    """A function of bytes that says why they are no message of a type, empty for one: whoever publishes sends any.
+
+    Examples
+    --------
+    >>> from std_msgs.msg import Float64
+    >>> fault = fault_finder(Float64)
+    >>> fault(serialize_message(Float64(data=0.5))), fault(b"short")
+    ('', '5 bytes that are no Float64')
+    """
+    layout = layout_of(message_type)
+    read = layout.numbers if layout is not None else partial(deserialize_message, message_type=message_type)
+
+    def fault(data: bytes) -> str:
+        try:
+            read(data)
+        except (struct.error, RuntimeError):  # the latter is rmw's
+            return f"{len(data)} bytes that are no {message_type.__name__}"
+        return ""
+
+    return fault
 
 
 class Layout:

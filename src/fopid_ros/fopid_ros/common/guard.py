@@ -11,6 +11,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from fopid_ros.common.cdr import fault_finder
+
 INTERNAL_ERROR = "internal error; the node goes on, its log has the traceback"
 """What somebody is answered whose request ran into an error that was not foreseen."""
 LOG_PERIOD = 10.0
@@ -35,6 +37,8 @@ class Guard:
         Errors that were not foreseen, since the start.
     last : str
         What the newest was, in one line.
+    malformed : int
+        Messages whose bytes could not be read, and that no callback has seen.
 
     Examples
     --------
@@ -46,12 +50,12 @@ class Guard:
     """
 
     def __init__(self, log: Callable[[str], Any], clock: Callable[[], float] = time.monotonic) -> None:
-        self.count = 0
+        self.count = self.malformed = 0
         self.last = ""
         self._log, self._clock = log, clock
         self._lock = threading.Lock()
         self._logged: dict[tuple[str, str], float] = {}
-        self._told = 0
+        self._told = self._malformed_told = 0
 
     def note(self, what: str, error: BaseException) -> None:
         """Count an error and log it."""
@@ -81,16 +85,23 @@ class Guard:
         return guarded
 
     def health_problems(self) -> list[tuple[bytes, str]]:
-        """For the diagnostics: an error since the last report, a warning for older ones."""
+        """For the diagnostics: an error since the last report, a warning for older ones and for messages refused."""
         before, self._told = self._told, self.count
-        if not self.count:
-            return []
-        level = DiagnosticStatus.ERROR if self.count > before else DiagnosticStatus.WARN
-        return [(level, f"{self.count} internal error{'s' * (self.count > 1)}, see the log")]
+        malformed, self._malformed_told = self.malformed - self._malformed_told, self.malformed
+        found = []
+        if self.count:
+            level = DiagnosticStatus.ERROR if self.count > before else DiagnosticStatus.WARN
+            found.append((level, f"{self.count} internal error{'s' * (self.count > 1)}, see the log"))
+        if malformed:
+            found.append((DiagnosticStatus.WARN, f"{malformed} malformed message{'s' * (malformed > 1)} refused"))
+        return found
 
     def facts(self) -> dict[str, object]:
         """For the diagnostics."""
-        return {"internal errors": self.count, "last internal error": self.last or "none"}
+        return {
+            "internal errors": self.count, "last internal error": self.last or "none",
+            "malformed messages refused": self.malformed,
+        }  # fmt: skip
 
 
 class GuardedNode:
@@ -101,9 +112,32 @@ class GuardedNode:
         """The node's guard, there from its first callback on."""
         return Guard(lambda text: self.get_logger().error(text))
 
-    def create_subscription(self, msg_type: Any, topic: str, callback: Any, *more: Any, **named: Any) -> Any:
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Any, *more: Any, raw: bool = False, **named: Any
+    ) -> Any:
+        if raw:  # others are read by the middleware, which drops what is malformed
+            callback = self._whole_only(msg_type, topic, callback)
         guarded = self.guard.wrap(f"subscription {topic}", _taken_apart(callback))
-        return super().create_subscription(msg_type, topic, guarded, *more, **named)
+        return super().create_subscription(msg_type, topic, guarded, *more, raw=raw, **named)
+
+    def _whole_only(self, msg_type: Any, topic: str, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """The callback, which then sees no bytes that are no message."""
+        fault_of = fault_finder(msg_type)
+
+        @functools.wraps(callback)
+        def checked(data: bytes, *more: Any) -> None:
+            fault = fault_of(data)
+            if fault:
+                self.guard.malformed += 1
+                self.refuse_message(topic, f"{topic}: {fault}")
+            else:
+                callback(data, *more)
+
+        return checked
+
+    def refuse_message(self, topic: str, told: str) -> None:
+        """A message on a topic cannot be used; a node that counts what it refuses does so here."""
+        self.get_logger().warning(f"{told}; refused ({self.guard.malformed} so far)", throttle_duration_sec=1.0)
 
     def create_timer(self, timer_period_sec: float, callback: Any, *more: Any, **named: Any) -> Any:
         what = f"timer {getattr(callback, '__name__', '')}".strip()

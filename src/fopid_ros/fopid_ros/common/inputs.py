@@ -58,7 +58,7 @@ class Input:
     @property
     def missing(self) -> bool:
         """Whether no good value has come yet."""
-        return self.value != self.value  # NaN; without a call, at every tick
+        return math.isnan(self.value)
 
     def take(self, value: float, now_ns: int) -> bool:
         """Keep a value; one that is not finite is counted and refused."""
@@ -70,7 +70,7 @@ class Input:
 
     def usable(self, now_ns: int) -> bool:
         """Whether there is a value that is not too old."""
-        return now_ns - self.received_ns <= self.timeout_ns and not self.missing
+        return now_ns - self.received_ns <= self.timeout_ns and self.value == self.value  # not NaN, without a call
 
     def stale(self, now_ns: int) -> bool:
         """Whether a value came, and is too old now."""

@@ -167,9 +167,8 @@ class LoopInputs:
         told = f"{one.name} = {value}" + (f" at {kind.field!r}" if math.isnan(value) else "")
         if kind.lacking:
             told = f"{one.name}.field = {kind.field!r}: {kind.lacking}"
-        self._refuse(
-            one, f"{told}{'' if kind.lacking else '; allowed: finite numbers'}; refused ({one.refused} so far)"
-        )
+        allowed = "" if kind.lacking else "; allowed: finite numbers"
+        self._refuse(f"{told}{allowed}; refused ({one.refused} so far)")
         return False
 
     def take_measurement(self, message: Any) -> None:
@@ -187,15 +186,20 @@ class LoopInputs:
         if self.take(one, kind.read(message), now):
             self.sampled_ns = sampled
 
+    def refuse_message(self, name: str, told: str) -> None:
+        """Count a message of an input that cannot be used, and tell it."""
+        one = self.named(name)
+        one.refused += 1
+        self._refuse(f"{told}; refused ({one.refused} so far)")
+
     def _comes_from_the_future(self, one: Input, stamp_ns: int | None) -> bool:
         """Whether a stamp is further ahead than a tick and the clocks' skew: it is refused and counted."""
         told = self.stamps.too_far_ahead(one.name, stamp_ns)
         if told:
-            one.refused += 1
-            self._refuse(one, f"{told}; refused ({one.refused} so far)")
+            self.refuse_message(one.name, told)
         return bool(told)
 
-    def _refuse(self, one: Input, told: str) -> None:
+    def _refuse(self, told: str) -> None:
         self._counts.refused_values += 1
         self._node.get_logger().warning(told, throttle_duration_sec=1.0)
 

@@ -60,7 +60,7 @@ class KeptSetpoint:
             self._close()
         elif self._subscription is None and self._is_kept():
             self._subscription = self._endpoints.fixed_subscription(
-                self._kind.message_type, self._topic, self._on_message, latched_qos(), raw=self._kind.raw
+                self._kind.message_type, "setpoint", self._on_message, latched_qos(), raw=self._kind.raw
             )
 
     def _is_kept(self) -> bool:

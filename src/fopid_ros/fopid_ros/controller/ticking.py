@@ -21,6 +21,8 @@ from fopid_ros.common.signals import SignalType
 from fopid_ros.controller.remembering import RememberingNode
 
 NS = 1_000_000_000
+END_OF_TIME = NS << 31
+"""What no stamp can say [ns]."""
 READ_TIME = 0.3
 """How long the end waits for those who read the control [s]."""
 
@@ -95,6 +97,9 @@ class TickingNode(RememberingNode):
             return clock, lambda: int(clock.now().nanoseconds)
         return self._steady, time.monotonic_ns
 
+    def refuse_message(self, topic: str, told: str) -> None:
+        self._inputs.refuse_message(topic, told)
+
     # Transitions.
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -137,6 +142,9 @@ class TickingNode(RememberingNode):
         if stamp is None:
             stamp = self.get_clock().now().nanoseconds
         if not self._active:
+            return
+        if stamp >= END_OF_TIME:  # its nanoseconds are more than a second, and the answer cannot say the same
+            self.refuse_message("measurement", f"measurement is stamped {stamp} ns; allowed: below {END_OF_TIME} ns")
             return
         if stamp == self._last_tick:  # the plant asks again: the answer is the same
             self.send_control(stamp)

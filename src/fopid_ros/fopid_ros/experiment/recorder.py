@@ -31,6 +31,7 @@ from fopid_core.errors import InputError
 from fopid_core.study.bags.bag import SIM_TIME_LIMIT_NS
 from fopid_core.study.bags.rosbag2 import Topic, join_definitions
 from fopid_core.study.bags.writer import BagWriter
+from fopid_ros.common.cdr import fault_finder
 from fopid_ros.experiment.recording import QUEUE
 
 DEFAULT_QOS = QoSProfile(depth=QUEUE)
@@ -93,6 +94,7 @@ class Recorder:
         self._on_failure = on_failure or node.get_logger().error
         self._lock = threading.RLock()  # on_failure may call close
         self._newest: dict[str, int] = {}
+        self._refused = 0
         profiles = {name: (qos or {}).get(name, DEFAULT_QOS) for name in topics}
         names = {name: node.resolve_topic_name(name) for name in topics}
         try:
@@ -132,9 +134,15 @@ class Recorder:
     def _callback(self, topic: str, message_type: Any) -> Callable[[bytes], None]:
         fields = list(message_type.get_fields_and_field_types().values())
         stamped = bool(fields) and fields[0] in _STAMPED
-        return partial(self._record, topic, _stamp if stamped else _no_stamp)
+        return partial(self._record, topic, _stamp if stamped else _no_stamp, fault_finder(message_type))
 
-    def _record(self, topic: str, stamp: Callable[[bytes], int], data: bytes) -> None:
+    def _record(self, topic: str, stamp: Callable[[bytes], int], fault_of: Callable[[bytes], str], data: bytes) -> None:
+        fault = fault_of(data)
+        if fault:  # a bag of which one message cannot be read is read by nobody
+            self._refused += 1
+            told = f"{topic}: {fault}; not recorded ({self._refused} so far)"
+            self._node.get_logger().warning(told, throttle_duration_sec=1.0)
+            return
         log_time = stamp(data)
         if log_time <= 0 or (log_time >= SIM_TIME_LIMIT_NS and self._simulated):
             log_time = self._node.get_clock().now().nanoseconds

@@ -235,7 +235,7 @@ class PlantSimulator(ManagedNode):
     def _on_control(self, message: Any) -> None:
         value = self._control_type.read(message)
         if not math.isfinite(value):
-            self._refuse("control", value)
+            self.refuse_message("control", f"control = {value}; allowed: finite numbers")
             return
         self._control = value
         if self._lockstep:
@@ -244,15 +244,13 @@ class PlantSimulator(ManagedNode):
     def _on_disturbance(self, message: Any) -> None:
         value = self._disturbance_type.read(message)
         if not math.isfinite(value):
-            self._refuse("disturbance", value)
+            self.refuse_message("disturbance", f"disturbance = {value}; allowed: finite numbers")
         elif not (self._lockstep and self._pending.defer(self._disturbance_type.stamp_ns(message), value)):
             self._disturbance = value
 
-    def _refuse(self, name: str, value: float) -> None:
+    def refuse_message(self, topic: str, told: str) -> None:
         self._refused += 1
-        self.get_logger().warning(
-            f"{name} = {value} refused ({self._refused} so far); allowed: finite numbers", throttle_duration_sec=1.0
-        )
+        self.get_logger().warning(f"{told}; refused ({self._refused} so far)", throttle_duration_sec=1.0)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._advances.answer(self.time, -math.inf, "the plant was reset")

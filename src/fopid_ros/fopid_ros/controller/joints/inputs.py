@@ -108,6 +108,12 @@ class JointInputs:
             if number is not None and not one.take(number, now_ns):
                 self._refuse(f"{one.name} = {number}; allowed: finite numbers")
 
+    def refuse_message(self, name: str, told: str) -> None:
+        """Count a message that cannot be used, for each joint, and tell it."""
+        for one in self._inputs[name]:
+            one.refused += 1
+        self._refuse(told, len(self._inputs[name]))
+
     def _comes_from_the_future(self, name: str, stamp_ns: int | None) -> bool:
         """Whether a stamp is further ahead than a tick and the clocks' skew: it is refused and counted."""
         told = self.stamps.too_far_ahead(name, stamp_ns)
