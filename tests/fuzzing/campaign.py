@@ -154,9 +154,8 @@ def main() -> None:
     for seed in seeds:
         (corpus / hashlib.sha256(seed).hexdigest()[:16]).write_bytes(seed)
     more = [f"-seed={given.seed}"] if given.seed else []
-    atheris.Setup(
-        [sys.argv[0], f"-max_len={LARGEST}", "-rss_limit_mb=0", "-verbosity=0", *more, str(corpus)], tally.take
-    )
+    options = [f"-max_len={LARGEST}", "-rss_limit_mb=0", "-verbosity=0", f"-artifact_prefix={KEPT}/"]
+    atheris.Setup([sys.argv[0], *options, *more, str(corpus)], tally.take)
     atheris.Fuzz()
 
 
