@@ -208,7 +208,21 @@ def test_a_neutral_loop_is_stable_only_below_gain_one_at_infinity(kd: float, sta
 
 
 def test_a_neutral_loop_at_gain_one_is_too_close_to_call() -> None:
-    assert not stability(Loop(Process.parse("1/(s+1)*exp(-0.1s)"), Fopid(0.1, 0.0, 1.0))).decided
+    verdict = stability(Loop(Process.parse("1/(s+1)*exp(-0.1s)"), Fopid(0.1, 0.0, 1.0)))
+    assert not verdict.decided
+    assert verdict.reason == "the delayed loop gain at high frequency is 1: too close to the border to call"
+
+
+def test_a_loop_whose_return_difference_is_zero_everywhere_has_no_poles_to_count() -> None:
+    verdict = stability(Loop(Process.parse("-(s+1)/(s+1)"), Fopid(1.0)))
+    assert (verdict.stable, verdict.unstable_poles, verdict.decided, verdict.margin) == (False, -1, True, 0.0)
+    assert verdict.reason == "1 + L(s) is zero everywhere"
+
+
+def test_of_a_delay_with_too_many_turns_nothing_is_said() -> None:
+    verdict = stability(Loop(Process.parse("1/(s+1)*exp(-1e7s)"), Fopid(3.0)))
+    assert (verdict.stable, verdict.unstable_poles, verdict.decided) == (False, -1, False)
+    assert verdict.reason == "not decided: too many poles near the imaginary axis to count"
 
 
 def test_a_loop_gain_that_grows_behind_a_delay_is_never_stable() -> None:
@@ -224,7 +238,12 @@ def test_a_cancelled_unstable_pole_still_counts() -> None:
 @pytest.mark.parametrize(("process", "gains"), [("s/(s+1)^2", (1, 1, 0, 1, 1)), ("1/s", (0, 0, 0, 1, 1))])
 def test_a_pole_at_the_origin_is_not_stable(process: str, gains: tuple[float, ...]) -> None:
     verdict = stability(Loop(Process.parse(process), Fopid(*gains)))
-    assert (verdict.stable, verdict.decided, verdict.reason) == (False, True, "a pole at the origin")
+    assert (verdict.stable, verdict.decided, verdict.margin, verdict.reason) == (
+        False,
+        True,
+        0.0,
+        "a pole at the origin",
+    )
 
 
 @pytest.mark.parametrize(

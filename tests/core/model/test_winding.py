@@ -1,0 +1,114 @@
+"""The argument principle on quasi-polynomials, held against roots: counts, margins, and what is left undecided."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
+from fopid_core.model.winding import LARGEST_LOG, Zeros, count_zeros, right_half_plane_zeros
+
+
+def zeros_of(*terms: tuple[float, float, float]) -> Zeros:
+    """Of the sum of c s^q exp(-d s), given as (q, d, c)."""
+    return right_half_plane_zeros(QuasiPolynomial.of(Term(*term) for term in terms))
+
+
+def of_polynomials(rows: list[list[float]]) -> Zeros:
+    """Of many polynomials at once, highest power first; zeros in front make them of lower order."""
+    coefficients = np.array(rows)
+    orders = np.broadcast_to(np.arange(coefficients.shape[1] - 1.0, -1.0, -1.0), coefficients.shape)
+    return count_zeros(coefficients, orders, np.zeros(coefficients.shape[1]))
+
+
+def test_polynomials_of_mixed_order_and_sign_counted_together_are_counted_each_by_their_roots() -> None:
+    rng = np.random.default_rng(5)
+    rows = rng.normal(size=(400, 7)) * 10.0 ** rng.uniform(-3.0, 3.0, (400, 7))
+    rows[rng.random((400, 7)) < 0.15] = 0.0
+    rows[:, 3] += rows[:, 3] == 0.0  # none is zero everywhere
+    found = of_polynomials(rows.tolist())
+    for k, row in enumerate(rows):
+        roots = np.roots(row)
+        lowest = len(row) - 1 - int(np.flatnonzero(row)[-1])
+        assert found.origin_order[k] == lowest
+        roots = roots[np.argsort(np.abs(roots))][lowest:]
+        if found.decided[k]:
+            assert found.count[k] == np.sum(roots.real > 0.0), row
+        else:
+            assert np.min(np.abs(roots.real) / np.abs(roots)) < 1e-6, row
+        assert found.all_left[k] == (bool(found.decided[k]) and lowest == 0 and not np.any(roots.real > 0.0))
+    assert np.mean(found.decided) > 0.98
+    assert np.all(found.within_reach)
+    assert np.all(found.neutral_gain == 0.0)
+
+
+def test_the_margin_is_the_smallest_value_on_the_axis_over_the_sum_of_sizes() -> None:
+    w = np.geomspace(1e-4, 1e4, 400_001)
+    for row in ([1.0, 0.5, 2.0, 0.3], [1.0, -1.0, 4.0], [3.0, 1.0], [1.0, 0.01, 1.0]):
+        s = np.array([w**power for power in range(len(row) - 1, -1, -1)])
+        turned = (1j ** np.arange(len(row) - 1, -1, -1)) @ (np.array(row)[:, None] * s)
+        true = np.min(np.abs(turned) / (np.abs(row) @ s))
+        found = of_polynomials([row])
+        assert true <= found.margin[0] * (1.0 + 1e-6) <= 1.2 * true  # on a grid
+        assert found.decided[0]
+
+
+def test_the_grid_is_dense_where_a_zero_is_near_the_axis_ascending_and_never_where_powers_overflow() -> None:
+    damped, peaked = of_polynomials([[1.0, 2.0, 1.0]]), of_polynomials([[1.0, 2e-6, 1.0]])
+    near = [np.min(np.diff(one.log_frequency)) for one in (damped, peaked)]
+    assert near[1] < 1e-2 * near[0]
+    assert np.min(np.abs(peaked.log_frequency)) < 1e-5  # ln of the resonance, 1 rad/s
+    assert np.all(np.diff(peaked.log_frequency) > 0.0)
+    wide = zeros_of((0.0, 0.0, 1e-250), (2.0, 0.0, 1.0))
+    assert np.all(np.abs(wide.log_frequency) < LARGEST_LOG / 4.0)
+
+
+@pytest.mark.parametrize(("kd", "gain"), [(0.5, 0.5), (-0.5, 0.5), (0.999, 0.999), (1.001, 1.001), (3.0, 3.0)])
+def test_the_neutral_gain_is_that_of_the_delayed_leading_terms(kd: float, gain: float) -> None:
+    found = zeros_of((1.0, 0.0, 2.0), (0.0, 0.0, 1.0), (1.0, 0.3, 2.0 * kd))
+    assert found.neutral_gain[0] == pytest.approx(gain)
+    assert bool(found.decided[0]) == (gain < 1.0)
+    assert found.count[0] == (0 if gain < 1.0 else -1)
+    assert (found.margin[0] > 0.0) == (gain < 1.0)
+
+
+def test_delayed_leading_terms_are_taken_with_the_worst_signs_and_an_advanced_type_is_infinite() -> None:
+    both = zeros_of((1.0, 0.0, 1.0), (0.0, 0.0, 1.0), (1.0, 0.3, 0.6), (1.0, 0.7, -0.6))
+    assert both.neutral_gain[0] == pytest.approx(1.2)
+    assert zeros_of((1.0, 0.0, 1.0), (0.0, 0.0, 1.0), (1.1, 0.3, 0.01)).neutral_gain[0] == math.inf
+    later = zeros_of((1.0, 0.4, 1.0), (0.0, 0.4, 1.0), (1.0, 0.7, 0.5))  # a common delay moves no zero
+    assert (later.neutral_gain[0], later.count[0]) == (0.5, 0)
+
+
+def test_orders_whose_balance_lies_beyond_all_frequencies_are_out_of_reach_and_not_decided() -> None:
+    found = zeros_of((0.0, 0.0, 1.0), (1e-9, 0.0, 2.0), (1.0, 0.0, 1.0))
+    assert (bool(found.within_reach[0]), bool(found.decided[0]), int(found.count[0])) == (False, False, -1)
+
+
+@pytest.mark.parametrize(("rate", "count"), [(0.49, 0), (0.51, 2), (2.49, 2), (2.51, 4), (40.49, 40), (40.51, 42)])
+def test_zeros_of_a_delayed_feedback_cross_one_pair_after_the_other(rate: float, count: int) -> None:
+    # s + k exp(-L s): pairs reach the axis at k L = (2 m + 1/2) pi
+    for delay in (1e-3, 1.0, 1e3):
+        found = zeros_of((1.0, 0.0, 1.0), (0.0, delay, rate * math.pi / delay))
+        assert (bool(found.decided[0]), int(found.count[0])) == (True, count)
+
+
+@pytest.mark.parametrize("first", [0.0, 0.5])
+def test_two_delays_are_counted_as_the_sum_of_two_factors_zeros(first: float) -> None:
+    # (s + a exp(-0.7 s)) (s + b exp(-1.1 s)): each factor by the rule above
+    for a, b, count in ((1.0, 1.0, 0), (2.5, 1.0, 2), (2.5, 2.0, 4), (12.0, 2.0, 6)):
+        product = ((2.0, first, 1.0), (1.0, first + 0.7, a), (1.0, first + 1.1, b), (0.0, first + 1.8, a * b))
+        found = zeros_of(*product)
+        assert (bool(found.decided[0]), int(found.count[0])) == (True, count)
+
+
+def test_with_fewer_intervals_allowed_more_is_left_undecided_and_nothing_is_said_wrongly() -> None:
+    terms = ((1.0, 0.0, 1.0), (0.0, 0.0, 0.5), (0.0, 300.0, 2.0))
+    rows = [[np.array([[value[k] for value in terms]]) for k in (2, 0)], np.array([term[1] for term in terms])]
+    (coefficients, orders), delays = rows
+    few, many = (count_zeros(coefficients, orders, delays, limit) for limit in (3, 30_000))
+    assert (bool(few.decided[0]), int(few.count[0])) == (False, -1)
+    assert bool(many.decided[0])
+    assert int(many.count[0]) > 100
