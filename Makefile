@@ -70,15 +70,16 @@ coverage: venv ## Branches that the fast tests and the slow ones of verbs, studi
 	@export COVERAGE_FOLDER="$(CURDIR)/build/coverage"; \
 	rm -rf "$$COVERAGE_FOLDER"; \
 	run=($(subst -m pytest,-m coverage run -m pytest,$(PYTEST))); \
-	"$${run[@]}" $(ARGS); \
+	failed=0; "$${run[@]}" $(ARGS) || failed=1; \
 	if [[ -z "$(ARGS)" ]]; then \
-	  "$${run[@]}" -m 'slow and not colcon' tests/core/{cli,study} tests/ros/{tuner,dashboard,experiment}; \
+	  "$${run[@]}" -m 'slow and not colcon' tests/core/{cli,study} tests/ros/{tuner,dashboard,experiment} || failed=1; \
 	fi; \
 	"$(BIN)/python" -m coverage combine --quiet; \
 	report=("$(BIN)/python" -m coverage report); \
-	if [[ -n "$(ARGS)" ]]; then "$${report[@]}"; exit; fi; \
-	"$${report[@]}" --include='src/fopid_core/*' --fail-under=95; \
-	"$${report[@]}" --include='src/fopid_ros/*' --fail-under=90
+	if [[ -n "$(ARGS)" ]]; then "$${report[@]}"; exit "$$failed"; fi; \
+	"$${report[@]}" --include='src/fopid_core/*' --fail-under=95 || failed=1; \
+	"$${report[@]}" --include='src/fopid_ros/*' --fail-under=90 || failed=1; \
+	exit "$$failed"  # a test that failed hides no figure
 
 .PHONY: fuzz
 fuzz: venv ## Hand every reader many odd cases, guided by coverage [CASES=100000] [TARGETS=csv]

@@ -101,3 +101,75 @@ def test_what_decays_comes_to_zero_and_never_to_numbers_that_are_slow() -> None:
         if made._ticks == 0:
             kept = np.abs(made._now[made._now != 0.0])
             assert kept.min() >= 1e-150
+
+
+def pushed(made: Operators, seed: int = 3, count: int = 50) -> Operators:
+    """The same, after some samples of both signals."""
+    for integrated, differentiated in np.random.default_rng(seed).normal(size=(count, 2)):
+        made.push(integrated, differentiated)
+    return made
+
+
+def test_reset_is_as_new_and_nothing_is_corrected_before_it_is_said_how() -> None:
+    made = pushed(operators(0.7, 0.6))
+    assert made.read() != [0.0, 0.0]
+    before = made.read()
+    made.correct(5.0)
+    assert made.read() == before
+    made.reset()
+    assert made.read() == [0.0, 0.0]
+    assert made.push(2.0, 3.0) == operators(0.7, 0.6).push(2.0, 3.0)
+
+
+def test_a_unit_of_error_adds_what_a_sample_of_one_in_both_signals_adds() -> None:
+    made = pushed(operators(0.7, 0.6))
+    remembered = made.matrix[: made.size, : made.size] @ made._now[: made.size]
+    made.push(1.5, 1.5)
+    assert made._now[: made.size] == pytest.approx(remembered + 1.5 * made.of_error, rel=1e-12, abs=1e-12)
+
+
+def test_a_correction_before_a_tick_is_the_same_as_one_with_it() -> None:
+    before, within = pushed(operators(0.7, 0.6)), pushed(operators(0.7, 0.6))
+    correction = np.random.default_rng(4).normal(size=before.size)
+    for made in (before, within):
+        made.set_correction(correction)
+    read = before.read()
+    before.correct(0.3)
+    assert np.subtract(before.read(), read) == pytest.approx(0.3 * before.weights @ correction, rel=1e-9)
+    assert before.push(1.0, -1.0) == pytest.approx(within.push(1.0, -1.0, 0.3), rel=1e-9)
+    assert before.push(0.0, 2.0) == pytest.approx(within.push(0.0, 2.0), rel=1e-9)  # of one tick only
+
+
+def test_a_copy_goes_on_as_the_other_once_the_signal_is_lowered_by_what_the_filter_was_behind() -> None:
+    filtered, plain = pushed(operators(0.7, 0.6, 0.03)), operators(0.7, 0.6)
+    unfiltered, behind = filtered._now[filtered.size - 1], plain.copy_state(filtered)
+    assert plain._now[plain.size - 1] == pytest.approx(unfiltered - behind)
+    assert plain.push(0.5, unfiltered - behind)[0] == pytest.approx(filtered.push(0.5, 0.0)[0])
+    settled = operators(0.7, 0.6, 0.03)
+    for _ in range(200):
+        settled.push(0.0, 2.0)
+    assert operators(0.7, 0.6).copy_state(settled) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("lam", [0.5, 1.0, 1.5])
+def test_one_tick_after_a_step_the_integral_is_that_of_the_step_held(lam: float) -> None:
+    made = operators(lam, 1.0)
+    stepped = operators(lam, 1.0)
+    stepped._now[stepped.integrated - 1] = 1.0  # the signal has just become 1
+    assert made.integral_after_one_tick() == pytest.approx(stepped.push(1.0, 0.0)[0], rel=1e-12)
+    if lam == 1.0:
+        assert made.integral_after_one_tick() == pytest.approx(H)
+
+
+def test_operators_that_live_in_the_rows_of_a_bank_go_on_unchanged() -> None:
+    kept, twin = pushed(operators(0.7, 0.6)), pushed(operators(0.7, 0.6))
+    size = kept.size + 3
+    matrices, memory = np.zeros((2, size, size)), np.zeros((2, size))
+    kept.keep_in(matrices[1], memory[1])
+    assert kept.read() == twin.read()
+    assert np.array_equal(memory[1, : kept.size], twin._now[: kept.size])
+    kept.set_weights(integral_weights(BAND, 1.2), derivative_weights(BAND, 0.4, H))
+    twin.set_weights(integral_weights(BAND, 1.2), derivative_weights(BAND, 0.4, H))
+    assert matrices[1] == pytest.approx(twin.matrix, rel=1e-12)
+    memory[1, -2:] = 1.0, 2.0
+    assert (matrices[1] @ memory[1])[-2:] == pytest.approx(twin.push(1.0, 2.0), rel=1e-12)
