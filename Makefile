@@ -84,7 +84,7 @@ coverage: venv ## Branches that the fast tests and the slow ones of verbs, studi
 .PHONY: fuzz
 fuzz: venv ## Hand every reader many odd cases, guided by coverage [CASES=100000] [TARGETS=csv]
 	@"$(BIN)/uv" pip install --quiet --python "$(BIN)/python" atheris==3.0.0; \
-	for target in $(or $(TARGETS),text line experiment csv bag parameters request explore asked http); do \
+	for target in $(or $(TARGETS),text line experiment csv bag message parameters request explore asked http); do \
 	  nice -n 19 "$(BIN)/python" -m tests.fuzzing.campaign $$target --cases $(or $(CASES),1000) 2>build/fuzz.log; \
 	done
 

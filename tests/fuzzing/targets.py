@@ -146,6 +146,25 @@ def _request(case: bytes) -> None:
         messages.autotune_request(goal, defaults)
 
 
+def _message(case: bytes) -> None:
+    """Bytes that somebody publishes on a topic of the loop."""
+    from rclpy.serialization import deserialize_message
+
+    from fopid_msgs.msg import FopidState, ScalarStamped
+    from fopid_ros.common.cdr import Layout, fault_finder
+
+    for kind in (ScalarStamped, FopidState):
+        told = fault_finder(kind)(case)
+        try:
+            deserialize_message(case, kind)
+        except RuntimeError:
+            pass
+        else:
+            assert not told, "refused, though rclpy reads it"
+        if not told:
+            Layout(kind).unpack(case)
+
+
 def _explore(case: bytes) -> None:
     """A request of the page without ROS: ``ask``, and the fields of what is asked."""
     from fopid_core.study.explore.desk import AT_THE_HAND, LONG_WORK, SEARCHES
@@ -181,6 +200,14 @@ TARGETS = {
         ],
     ),
     "bag": Target(_bag, lambda: [(_bag_folder() / "bag.mcap").read_bytes()]),
+    "message": Target(
+        _message,
+        lambda: [
+            bytes.fromhex("00010000 03000000 04000000 05000000 6261736500000000 000000000000f03f"),
+            bytes.fromhex("00000000 00000003 00000004 00000005 6261736500000000 000000000000 c004000000000000"),
+            bytes.fromhex("00010000") + bytes(180),
+        ],
+    ),
     "parameters": Target(
         _parameters,
         lambda: [

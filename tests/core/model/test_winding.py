@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from fopid_core.model import winding
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 from fopid_core.model.winding import LARGEST_LOG, Zeros, count_zeros, right_half_plane_zeros
 
@@ -112,3 +113,11 @@ def test_with_fewer_intervals_allowed_more_is_left_undecided_and_nothing_is_said
     assert (bool(few.decided[0]), int(few.count[0])) == (False, -1)
     assert bool(many.decided[0])
     assert int(many.count[0]) > 100
+
+
+def test_intervals_that_are_open_after_the_last_halving_leave_it_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert of_polynomials([[1.0, 2e-6, 1.0]]).decided[0]
+    monkeypatch.setattr(winding, "_MOST_HALVINGS", 2)
+    found = of_polynomials([[1.0, 2e-6, 1.0], [1.0, 2.0, 1.0]])
+    assert found.decided.tolist() == [False, True]
+    assert found.count.tolist() == [-1, 0]
