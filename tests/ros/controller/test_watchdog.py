@@ -119,7 +119,8 @@ def test_an_addend_dies_with_its_author_within_a_second_and_without_a_bump(graph
     last, begun = time.time(), len(fed.states)  # from here on its author is silent
     gone = fed.wait(lambda state: state.feedforward == 0.0)
     pause = max(state.sample_interval for state in fed.states[begun:])
-    assert gone.header.stamp.sec + gone.header.stamp.nanosec * 1e-9 - last < 1.05 + pause
+    # Of a busy machine: by a pause the last word is heard later, and by a pause the end is told later.
+    assert gone.header.stamp.sec + gone.header.stamp.nanosec * 1e-9 - last < 1.05 + 2 * pause
     lasting = [state for state in fed.states[begun:] if state.feedforward == 2.0]
     assert len(lasting) * PERIOD > 0.4 - 2 * pause  # a message lost does not end it
     assert largest_move(fed.states[begun:]) <= 2.0 / 0.5 * (pause + PERIOD)
