@@ -136,6 +136,8 @@ class FrequencySpecification:
         the smallest ``ms`` = max |S|; or the widest ``flatness`` of the phase, eq. (3).
     u_max : float
         Bound on the control right after a unit setpoint step, of the controller as it runs at ``sample_time`` [s].
+    load_left_max : float
+        Bound on what a load has left in the end, see ``load_tail``.
     """
 
     phase_margin: float
@@ -145,6 +147,7 @@ class FrequencySpecification:
     criterion: str = "peaks"
     u_max: float = math.inf
     sample_time: float = 0.01
+    load_left_max: float = math.inf
 
     def __post_init__(self) -> None:
         _require_angle(self.phase_margin)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fopid_core.design.control_peak import first_control
 from fopid_core.design.frequency.exact_gains import ControllerTarget, has_one_sign
+from fopid_core.design.load_tail import LoadTail
 from fopid_core.design.specification import FrequencySpecification
 from fopid_core.model.process import Process
 from fopid_core.model.stability import stable_mask
@@ -86,9 +87,9 @@ class Designs:
 
     @property
     def inadmissible(self) -> Real:
-        """How far the gain is on the wrong side of 1 beyond the crossover, or the control above its bound [dB].
+        """How far the gain is on the wrong side of 1 beyond the crossover, or control or a load's tail too large [dB].
 
-        Shape (n,); 0 or less for a design whose only crossover is the wished one and whose control is within its bound.
+        Shape (n,); 0 or less for a design whose only crossover is the wished one and which keeps both bounds.
         """
         return self.table[:, 10]
 
@@ -135,6 +136,7 @@ class OrderSearch:
         self.evaluations = 0
         self._sorts_out_unstable = False
         self._target = ControllerTarget.of(process, specification.phase_margin, specification.crossover)
+        self._load_tail = LoadTail(process, specification.crossover)
         self._p = process(1j * w)
         self._log_w = np.log(w)
         t_max, s_max = specification.t_max, specification.s_max
@@ -199,9 +201,13 @@ class OrderSearch:
         return next((design for design in rows if stable_mask(self.process, design.gains)[0]), None)
 
     def designs(self, orders: Real) -> Designs:
-        """The designs at those rows (lam, mu) that lie in it, with gains of one sign."""
+        """The designs at those rows (lam, mu) that lie in it, with gains of one sign.
+
+        A derivative of a higher order than the process is of relative degree leaves no margin for any delay.
+        """
         self.evaluations += len(orders)
-        lam, mu = orders[((orders > 0.0) & (orders <= 2.0)).all(axis=1)].T
+        highest = np.minimum([2.0, self.process.relative_degree], 2.0)
+        lam, mu = orders[((orders > 0.0) & (orders <= highest)).all(axis=1)].T
         gains = self._target.gains(lam, mu)
         gains = gains[np.isfinite(gains).all(axis=1)]
         gains = gains[has_one_sign(gains)]
@@ -256,6 +262,7 @@ class OrderSearch:
         t_db, s_db = _worst_db(t_power[:, self._t_band]), _worst_db(s_power[:, self._s_band])
         ms, mt = (np.sqrt(values.max(axis=1, initial=1.0)) for values in (s_power, t_power))
         beyond = np.maximum(self._beyond_crossover(power), self._beyond_control(gains))
+        beyond = np.maximum(beyond, self._beyond_load_tail(gains))
         return Designs(np.column_stack([gains, t_db, s_db, ms, mt, self._flatness(loop), beyond]))
 
     def _loop(self, gains: Real) -> Complex:
@@ -277,6 +284,12 @@ class OrderSearch:
             return np.full(len(gains), -np.inf)
         first = np.abs(first_control(gains, self.specification.sample_time))
         return np.asarray(20.0 * np.log10(first / self.specification.u_max))
+
+    def _beyond_load_tail(self, gains: Real) -> Real:
+        """By how much what a load has left in the end is above its bound [dB]; negative where it is not."""
+        if math.isinf(self.specification.load_left_max):
+            return np.full(len(gains), -np.inf)
+        return np.asarray(20.0 * np.log10(self._load_tail.left(gains) / self.specification.load_left_max))
 
     def _flatness(self, loop: Complex) -> Real:
         """Decades around the crossover in which the phase stays within FLAT of the wished one."""

@@ -10,6 +10,7 @@ from fopid_core.design import defaults
 from fopid_core.design.frequency.equation_solvers import optimise_constrained, solve_equations
 from fopid_core.design.frequency.margin_alone import with_margin_alone
 from fopid_core.design.frequency.tuning import FrequencyDesign, tune_frequency
+from fopid_core.design.load_tail import LEFT_MAX, left_in_words
 from fopid_core.design.reduction import reduce
 from fopid_core.design.specification import (
     Bound,
@@ -57,6 +58,7 @@ def propose_frequency(request: TuningRequest, progress: Progress, expired: Expir
     if design.controller is None:
         return _without_design(process, specification, message, design.evaluations)
     message += f"{BEST[specification.criterion]} of all designs that meet it" if design.met else "nearest to the bounds"
+    message += left_in_words(request.process, design.controller, specification.crossover)
     cost = design.ms if specification.criterion == "ms" else max(design.ms, design.mt)
     return Proposal(
         design.controller,
@@ -118,10 +120,11 @@ def _choices(
 
 
 def _fair(request: TuningRequest, specification: FrequencySpecification) -> FrequencySpecification:
-    """With the bound on |S| at low frequencies that is kept where possible when none is asked for."""
+    """With the bounds on a load's tail and on |S| at low frequencies that are kept where possible if not asked for."""
+    fair = replace(specification, load_left_max=LEFT_MAX)
     if request.s_max is not None:
-        return specification
-    return replace(specification, s_max=Bound(LOW_FREQUENCY_DB, LOW_FREQUENCY * specification.crossover))
+        return fair
+    return replace(fair, s_max=Bound(LOW_FREQUENCY_DB, LOW_FREQUENCY * specification.crossover))
 
 
 def _modest(process: Process, request: TuningRequest, specification: FrequencySpecification) -> FrequencySpecification:

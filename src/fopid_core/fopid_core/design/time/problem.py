@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopid_core.design.defaults import PHASE_MARGIN, U_MAX, natural_crossover, process_gain
+from fopid_core.design.load_tail import LoadTail, slowest_crossover
 from fopid_core.design.specification import NUMBERS
 from fopid_core.design.time.bands import SMALLEST, least_in_bands, log_size, smooth_places
 from fopid_core.design.time.control_bounds import ControlBounds
@@ -158,6 +159,7 @@ class TimeProblem:
         self._both_s = 1j * np.exp(self._both_log_w)
         self._both_p = process(self._both_s)
         self._log_p = log_size(self._p)
+        self._load_tail = LoadTail(process, slowest_crossover(process, specification.horizon, specification.u_max))
         size, time = abs(self.gain), 1.0 / self.speed
         scale = [1.0 / size, self.speed / size, time / size, 1.0, 1.0, FILTER_SCALE * time, 1.0, 1.0]
         self.scale = np.array(scale[: len(self.variables)])
@@ -264,6 +266,9 @@ class TimeProblem:
             blocks += self._noise_slack(self._noise(sizes))
         if math.isfinite(bounds.rate_max):
             blocks += self._control.move_slack(gains)
+        if math.isfinite(bounds.load_left_max):
+            left = np.maximum(self._load_tail.left(gains[:, : len(NUMBERS)]), SMALLEST)
+            blocks.append(np.log(bounds.load_left_max / left)[:, None])
         return np.concatenate(blocks, axis=1) - SAFE if blocks else np.ones((len(gains), 1))
 
     def linearised(self, gains: Real) -> Linearised:

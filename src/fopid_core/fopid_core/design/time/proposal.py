@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 from fopid_core.design import defaults
+from fopid_core.design.load_tail import FADING_TURNS, LEFT_MAX, TURNS, left_in_words, slowest_crossover
 from fopid_core.design.specification import (
     STRUCTURES,
     Bounds,
@@ -22,8 +24,6 @@ from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.tuning import TimeDesign, tune_time
 from fopid_core.model.process import Process
 
-TURNS = 40.0
-"""Default horizon, in radians of the natural crossover."""
 MOST_TURNS = 10_000.0
 """Longest horizon, in radians of the natural crossover: a search on a longer one would not see the process."""
 DELAYS = 12.0
@@ -46,6 +46,9 @@ def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -
         return tune_time(request.process, wanted, request.start, solver, request.seed, tell, expired)
 
     design = search(specification, progress)
+    if not (design and design.met) and math.isfinite(specification.load_left_max):  # kept where possible
+        specification = replace(specification, load_left_max=math.inf)
+        design = search(specification, progress)
     what = f"{request.index} of the {_INPUT_WORDS[request.input]} over {specification.horizon:.4g} s"
     message = f"{what}, {solver}; {_assumptions(request, specification)}"
     bounds = bounds_of(specification)
@@ -58,6 +61,8 @@ def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -
         chosen = preferred(specification, design, defaults.process_gain(request.process), search)
         design, structure = chosen.design, chosen.structure
         message += f"; {chosen.words}" if chosen.words else ""
+    slowest = slowest_crossover(request.process, specification.horizon, specification.u_max)
+    message += left_in_words(request.process, design.controller, slowest)
     left = f"{design.final_error:.3g} is left at the horizon"
     if abs(design.final_error) > SETTLED:
         message += f"; the error does not die out: {left}"
@@ -116,6 +121,7 @@ def time_specification(request: TuningRequest) -> TimeSpecification:
         noise_density=request.noise_density or 0.0,
         noise_rms_max=_or_none(request.noise_rms_max),
         rate_max=_or_none(request.rate_max),
+        load_left_max=_load_left_max(request),
     )
 
 
@@ -137,6 +143,12 @@ def _noise_max(request: TuningRequest, usual: float, two_degrees: bool) -> float
     """A filter whose time is to be chosen needs a bound that asks for it; without the setpoint's kick the gain does."""
     needed = (request.filter_order > 0 or two_degrees) and request.noise_rms_max is None
     return (usual if needed else math.inf) if request.noise_max is None else request.noise_max
+
+
+def _load_left_max(request: TuningRequest) -> float:
+    """Whoever names the integral, or does without, has chosen how a load fades."""
+    chosen = {*request.fixed, *request.bounds, *STRUCTURES[request.structure or "fopid"]}
+    return math.inf if "ki" in chosen or "lam" in {*request.fixed, *request.bounds} else LEFT_MAX
 
 
 def _fixed(request: TuningRequest) -> Mapping[str, float]:
@@ -166,6 +178,9 @@ def _assumptions(request: TuningRequest, specification: TimeSpecification) -> st
         parts.append(f"control from noise <= {specification.noise_rms_max:g}")
     if math.isfinite(specification.rate_max):
         parts.append(f"control rate <= {specification.rate_max:g}/s")
+    if math.isfinite(specification.load_left_max):
+        slowest = slowest_crossover(request.process, specification.horizon, specification.u_max)
+        parts.append(f"at most {specification.load_left_max:.0%} of a load left after {FADING_TURNS / slowest:.3g} s")
     if request.horizon is None:
         parts.append("horizon chosen from the process")
     return ", ".join(parts)

@@ -48,6 +48,8 @@ class TimeSpecification:
         frequency.
     rate_max : float
         Bound on the control's moves per second after a unit setpoint step, the first tick included.
+    load_left_max : float
+        Bound on what a load has left in the end, see ``load_tail``.
     """
 
     objective: Objective
@@ -66,6 +68,7 @@ class TimeSpecification:
     noise_density: float = 0.0
     noise_rms_max: float = math.inf
     rate_max: float = math.inf
+    load_left_max: float = math.inf
 
     @property
     def variables(self) -> tuple[str, ...]:
