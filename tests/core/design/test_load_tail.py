@@ -6,7 +6,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from fopid_core.design.load_tail import FADING_TURNS, LEFT_MAX, LoadTail
+from fopid_core.design.load_tail import LEFT_MAX, LoadTail, fading_time
 from fopid_core.design.specification import TuningRequest
 from fopid_core.design.tuner import tune
 from fopid_core.model.fopid import Fopid
@@ -33,7 +33,7 @@ def by_inversion(process: str, crossover: float, gains: tuple[float, ...]) -> fl
         def load(s: mp.mpc) -> mp.mpc:
             return 1 / (1 / transfer(s) + kp + ki * s**-lam + kd * s**mu) / s
 
-        left = mp.invertlaplace(load, FADING_TURNS / crossover, method="talbot")
+        left = mp.invertlaplace(load, fading_time(Process.parse(process), crossover), method="talbot")
         return float(abs(left) / abs(transfer(mp.mpc(0, crossover))))
 
 

@@ -13,11 +13,13 @@ from fopid_core.model.process import Process
 
 LEFT_MAX = 0.02
 """Of the error after a load step, measured in the process's gain at the crossover, that may be left in the end."""
-FADING_TURNS = 100.0
-"""When that is: in radians of the crossover."""
+FADING_TURNS, FADING_LAGS, MOST_TURNS = 100.0, 5.0, 1000.0
+"""When that is: after so many radians of the crossover, or in the time in which the process itself forgets a load, so
+many of its lags, but for slow ones, up to so many radians."""
 TURNS = 40.0
 """A loop has settled after so many radians of its crossover."""
 _DECADES, _POINTS = 6.0, 241
+_NEAR_REST = 1e-6  # of the crossover
 _WEIGHTS = np.array([
     (-1.0) ** (k + 4) * sum(
         j**4 * math.factorial(2 * j)
@@ -45,12 +47,11 @@ class LoadTail:
     --------
     >>> tail = LoadTail(Process.parse("1/s"), 1.0)
     >>> [round(float(share), 4) for share in tail.left(np.array([[1.0, 0.05, 0, 1, 1], [0, 1, 0, 0.5, 1]]))]
-    [0.0052, 0.0564]
+    [0.0055, 0.0564]
     """
 
     def __init__(self, process: Process, crossover: float) -> None:
-        time = FADING_TURNS / crossover
-        s = _MULTIPLES / time
+        s = _MULTIPLES / fading_time(process, crossover)
         with np.errstate(all="ignore"):
             self._inverse = 1.0 / np.asarray(process(s + 0j)).real
         self._log_s = np.log(s)
@@ -61,6 +62,21 @@ class LoadTail:
         kp, ki, kd, lam, mu = gains.T[..., None]
         controller = kp + ki * np.exp(-lam * self._log_s) + kd * np.exp(mu * self._log_s)
         return np.asarray(np.abs((self._weights / (self._inverse + controller)).sum(axis=1)))
+
+
+def fading_time(process: Process, crossover: float) -> float:
+    """The time after which a load is to have faded [s].
+
+    Examples
+    --------
+    >>> [round(fading_time(Process.parse(text), 1.0)) for text in ("1/s", "1/(s+1)", "1/(40s+1)", "1/(900s+1)")]
+    [100, 100, 200, 1000]
+    """
+    s = _NEAR_REST * crossover
+    with np.errstate(all="ignore"):
+        residence = float(np.real(process(0.0 + 0j) / process(s + 0j)) - 1.0) / s  # infinite for an integrator
+    lags = FADING_LAGS * residence if math.isfinite(residence) else 0.0
+    return max(FADING_TURNS / crossover, min(lags, MOST_TURNS / crossover))
 
 
 def slowest_crossover(process: Process, horizon: float, u_max: float) -> float:
@@ -79,4 +95,4 @@ def left_in_words(process: Process, controller: Fopid, crossover: float) -> str:
     left = float(LoadTail(process, crossover).left(np.array([controller.gains]))[0])
     if left <= LEFT_MAX or not controller.ki:
         return ""
-    return f"; a load fades slowly: {left:.2g} of its error is left after {FADING_TURNS / crossover:.3g} s"
+    return f"; a load fades slowly: {left:.2g} of its error is left after {fading_time(process, crossover):.3g} s"

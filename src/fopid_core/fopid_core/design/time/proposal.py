@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from fopid_core.design import defaults
-from fopid_core.design.load_tail import FADING_TURNS, LEFT_MAX, TURNS, left_in_words, slowest_crossover
+from fopid_core.design.load_tail import LEFT_MAX, TURNS, fading_time, left_in_words, slowest_crossover
 from fopid_core.design.specification import (
     STRUCTURES,
     Bounds,
@@ -180,7 +180,8 @@ def _assumptions(request: TuningRequest, specification: TimeSpecification) -> st
         parts.append(f"control rate <= {specification.rate_max:g}/s")
     if math.isfinite(specification.load_left_max):
         slowest = slowest_crossover(request.process, specification.horizon, specification.u_max)
-        parts.append(f"at most {specification.load_left_max:.0%} of a load left after {FADING_TURNS / slowest:.3g} s")
+        fading = fading_time(request.process, slowest)
+        parts.append(f"at most {specification.load_left_max:.0%} of a load left after {fading:.3g} s")
     if request.horizon is None:
         parts.append("horizon chosen from the process")
     return ", ".join(parts)

@@ -12,8 +12,9 @@ import numpy as np
 import pyarrow as pa
 
 from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover
+from fopid_core.design.load_tail import TURNS
 from fopid_core.design.specification import TuningResult
-from fopid_core.design.time.proposal import DELAYS, TURNS
+from fopid_core.design.time.proposal import DELAYS
 from fopid_core.design.tuner import tune
 from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.model.fopid import Fopid
