@@ -145,7 +145,8 @@ def test_with_a_fast_tick_the_peak_is_that_of_the_ideal_loop() -> None:
 
 
 def test_a_design_that_is_fine_without_ticks_and_not_with_them_is_not_handed_to_a_controller() -> None:
-    result = tune(TuningRequest(read_process("1/(s(0.5s+1))"), method="time", sample_time=0.15))
+    wanted = TuningRequest(read_process("1/(s(0.5s+1))"), method="time", structure="pd", sample_time=0.15)
+    result = tune(wanted)
     assert result.success
     assert result.achieved.ms < 1.1
     assert result.running.ms > 4.0
