@@ -36,6 +36,7 @@ class Foreign:
         self.gain = float(10 ** random.uniform(-0.5, 0.5))
         lag = float(10 ** random.uniform(-0.5, 0.5))
         second, delay = lag * random.uniform(0.0, 0.6), lag * random.uniform(0.02, 0.8)
+        self.delay = float(delay)
         self.sample_time = h = (lag + delay) / 15.0
         text = f"{self.gain}/(({lag}*s+1)*({second}*s+1))*exp(-{delay}*s)"
         self._settings = PlantSettings(Process.parse(text), h, delay_model="exact")

@@ -7,7 +7,7 @@ import pytest
 
 from fopid_core.design.identification.record import Record
 from fopid_core.study.flaw_search import learn
-from fopid_core.study.flaws import Flaws
+from fopid_core.study.flaws import Flaws, joined
 
 from .replay_campaign import SAMPLES, Foreign
 
@@ -16,7 +16,8 @@ def learnt(seed: int) -> tuple[Foreign, Flaws]:
     plant = Foreign(seed)
     found = learn(plant.run(plant.running, SAMPLES), "soptd", 5, 0)
     assert found.identified.success, found.identified.message
-    assert len(found.possible) == len(found.beside) == 6
+    assert found.possible is not None
+    assert len(found.possible.processes) == np.size(found.possible.flaws.bend) == 6
     return plant, found.flaws
 
 
@@ -54,6 +55,17 @@ def test_play_and_limits_are_felt_as_written_down() -> None:
     assert Flaws(dead_band=0.5, slip=0.0, high=2.0).felt(control)[0].tolist() == [0.0, 0.5, 1.5, 1.5, 0.5]
     several = Flaws(dead_band=np.array([0.0, 0.5]), slip=np.array([1.0, 0.0]), high=2.0).felt(control)
     assert several.tolist() == [[0.0, 1.0, 2.0, 2.0, 0.0], [0.0, 0.5, 1.5, 1.5, 0.5]]
+
+
+def test_a_stem_that_stood_beside_the_control_at_first_stays_until_the_control_is_far_from_it() -> None:
+    control = np.array([0.0, 0.3, 0.8, 0.9])
+    assert Flaws(dead_band=0.5, began=-0.4).felt(control)[0].tolist() == [-0.4, 0.3, 0.3, 0.9]
+
+
+def test_several_flaws_as_one_are_felt_as_each_alone() -> None:
+    control = np.sin(np.arange(40.0))
+    some = [Flaws(dead_band=0.3, slip=0.0), Flaws(high=0.5), Flaws(dead_band=0.2, began=0.1)]
+    assert np.array_equal(joined(some).felt(control), np.concatenate([each.felt(control) for each in some]))
 
 
 @pytest.mark.parametrize("bend", [-0.4, 0.0, 0.3])

@@ -161,9 +161,14 @@ def plausible_processes(identified: IdentificationResult, limits: RobustLimits, 
         and process_stability(model.process).stable
     ]
     drawn = best.sample(limits.samples, limits.seed)
+    return behind_hold((best.process, *drawn, *others), hold)
+
+
+def behind_hold(processes: Sequence[Process], hold: float) -> tuple[Process, ...]:
+    """Each behind two quick lags, together half as long as a control is held [s]."""
     lag = QuasiPolynomial.polynomial([0.25 * hold, 1.0])
     held = Process(QuasiPolynomial.constant(1.0), lag**2)
-    return tuple(process * held for process in (best.process, *drawn, *others))
+    return tuple(process * held for process in processes)
 
 
 def as_held(process: Process, hold: float) -> Process:

@@ -31,6 +31,8 @@ class Flaws:
         The output is z + bend z^2 beside ``centre``, z what a linear process would show; straight where it is steep
         or flat.
     centre : float
+    began : float
+        How far from the control the stem stood at first.
 
     Examples
     --------
@@ -49,6 +51,7 @@ class Flaws:
     high: Floats | float = math.inf
     bend: Floats | float = 0.0
     centre: float = 0.0
+    began: Floats | float = 0.0
 
     def stem(self, control: Floats, before: Floats) -> Floats:
         """Where the stem is under a control, shape (m,), and was before."""
@@ -58,12 +61,12 @@ class Flaws:
         return np.where(np.abs(away) > self.dead_band, limited - np.sign(away) * behind, before)
 
     def felt(self, control: Floats) -> Floats:
-        """What is felt of a control, shape (n,), that begins where the stem is; shape (m, n)."""
-        count = np.broadcast(self.dead_band, self.slip, self.low, self.high).size
+        """What is felt of a control, shape (n,); shape (m, n)."""
+        count = np.broadcast(self.dead_band, self.slip, self.low, self.high, self.began).size
         if not np.any(self.dead_band):
             return np.clip(np.tile(control, (count, 1)), _column(self.low), _column(self.high))
         stems = np.empty((count, control.size))
-        stem = np.clip(np.full(count, control[0]), self.low, self.high)
+        stem = np.clip(np.full(count, control[0]) + self.began, self.low, self.high)
         for k, value in enumerate(control.tolist()):
             stems[:, k] = stem = self.stem(np.full(count, value), stem)
         return stems
@@ -117,10 +120,11 @@ class Flaws:
 
 
 def joined(flaws: Sequence[Flaws]) -> Flaws:
-    """Several as one, with arrays of shape (m,)."""
-    rows = [[each.dead_band, each.slip, each.low, each.high, each.bend] for each in flaws]
-    bands, slips, low, high, bends = np.array(rows, dtype=np.float64).T
-    return Flaws(bands, slips, low, high, bends, flaws[0].centre)
+    """Several, each of one process or of some, as one with arrays of shape (m,)."""
+    rows = [np.broadcast_arrays(f.dead_band, f.slip, f.low, f.high, f.bend, f.began) for f in flaws]
+    parts = [np.concatenate([np.ravel(row[i]) for row in rows]) for i in range(6)]
+    band, slip, low, high, bend, began = parts
+    return Flaws(band, slip, low, high, bend, flaws[0].centre, began)
 
 
 def _column(value: Floats | float) -> Floats:

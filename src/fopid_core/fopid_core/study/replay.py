@@ -16,14 +16,13 @@ import numpy as np
 
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.identification.record import Record
-from fopid_core.design.robust_verification import RobustLimits, plausible_processes, robustness, tune_robustly
+from fopid_core.design.robust_verification import RobustLimits, behind_hold, robustness, tune_robustly
 from fopid_core.design.specification import Clock, TuningRequest
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.settings import ControllerSettings
 from fopid_core.study.flaw_search import Learnt, learn
-from fopid_core.study.flaws import joined
 from fopid_core.study.replayed_loop import grown_steps, simulated, what_was_missed
 
 DRAWS = 40
@@ -59,7 +58,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Band:
-    """A signal as it is expected, and between what it lies at each instant; arrays of shape (n,)."""
+    """A signal as it is expected (the median), and between what it lies at each instant; arrays of shape (n,)."""
 
     expected: Floats
     low: Floats
@@ -84,7 +83,7 @@ class Replay:
     before : Figures
         As recorded.
     after, after_low, after_high : Figures or None
-        Expected, and the ends of the bands.
+        Expected (medians), and the ends of the bands.
     time, setpoint : ndarray, shape (n,)
         Instants [s] and the setpoint there.
     measurement, control : Band or None
@@ -177,7 +176,8 @@ def _accepted(
         gains = found.tuning.controller
         settings = ControllerSettings(gains) if settings is None else replace(settings, gains=gains)
     settings = replace(settings, sample_time=h, band=None)
-    possible = plausible_processes(identified, limits, h)
+    assert learnt.possible is not None
+    possible = behind_hold(learnt.possible.processes, h)
     shares = learnt.flaws.slope(record.measurement) if learnt.flaws.bend else (1.0,)
     possible = tuple(process.scaled(share) for share in shares for process in possible)
     judged = robustness(settings.gains, possible, limits, settings.measurement_filter)
@@ -193,21 +193,24 @@ def _day(learnt: Learnt, settings: ControllerSettings, record: Record, limits: R
     best, setpoint = learnt.identified.best, record.setpoint
     assert best is not None
     assert setpoint is not None
-    processes = (best.process, *best.sample(limits.samples, limits.seed))
+    assert learnt.possible is not None
     missed = what_was_missed(learnt.linear, best)
-    grown = grown_steps(record, processes) + grown_steps(record, learnt.beside) - grown_steps(record, [best.process])
+    grown = grown_steps(record, learnt.possible.processes)
     if missed is not None:
         shares = np.random.default_rng(limits.seed).standard_normal((limits.samples, 1))
         grown[1:, : missed.size] += shares * missed
-    measurement, control = simulated(record, grown, settings, joined(learnt.possible))
+    measurement, control = simulated(record, grown, settings, learnt.possible.flaws)
     reach = float(np.ptp(record.control))
     if not np.abs(control - record.control).max() <= RUNAWAY * max(reach, 1e-300):
         return None
     each = [figures(record.time, setpoint, y, u) for y, u in zip(measurement, control, strict=True)]
-    low, high = (ends.tolist() for ends in _ends(np.array([[f.iae, f.total_variation, f.peak_error] for f in each])))
-    highest, lowest = float(control[0].max()), float(control[0].min())
+    low, middle, high = (
+        Figures(*row.tolist()) for row in _spread(np.array([[f.iae, f.total_variation, f.peak_error] for f in each]))
+    )
+    moves = _band(control)
+    highest, lowest = float(moves.expected.max()), float(moves.expected.min())
     over = max(highest - float(record.control.max()), float(record.control.min()) - lowest, 0.0)
-    return each[0], Figures(*low), Figures(*high), _band(measurement), _band(control), over / reach
+    return middle, low, high, _band(measurement), moves, over / reach
 
 
 def evenly(record: Record) -> Record:
@@ -237,12 +240,16 @@ def figures(instants: Floats, setpoint: Floats, measurement: Floats, control: Fl
 
 
 def _band(signals: Floats) -> Band:
-    low, high = _ends(signals)
-    return Band(signals[0], np.minimum(low, signals[0]), np.maximum(high, signals[0]))
+    low, middle, high = _spread(signals)
+    return Band(middle, low, high)
 
 
-def _ends(values: Floats) -> tuple[Floats, Floats]:
-    """The ends of the band of rows, column by column; the first row is that of the best process."""
-    low, high = np.quantile(values[1:] if len(values) > 1 else values, (0.5 - 0.5 * BAND, 0.5 + 0.5 * BAND), axis=0,
-                            method="weibull")  # of so few draws, each end leaves out what it should  # fmt: skip
-    return low, high
+def _spread(values: Floats) -> Floats:
+    """The ends of the band of rows, and the median between them, column by column; shape (3, k).
+
+    The first row is that of the best process, which the others are drawn about; of so few, each end of the band leaves
+    out what it should by Weibull's definition of a quantile only.
+    """
+    rows = values[1:] if len(values) > 1 else values
+    spread: Floats = np.quantile(rows, (0.5 - 0.5 * BAND, 0.5, 0.5 + 0.5 * BAND), axis=0, method="weibull")
+    return spread

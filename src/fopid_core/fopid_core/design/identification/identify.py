@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,7 +27,7 @@ from fopid_core.design.identification.quality import (
     whiteness,
 )
 from fopid_core.design.identification.record import Record, validation_samples
-from fopid_core.design.identification.response import RecordResponse
+from fopid_core.design.identification.response import InitialCondition, RecordResponse
 from fopid_core.design.identification.sampling import sampled_processes
 from fopid_core.design.identification.structure import TEMPLATE_STRUCTURES, Structure, structure_of
 from fopid_core.design.specification import Clock
@@ -112,6 +112,11 @@ class IdentifiedModel:
     def structure(self) -> Structure:
         """What was fitted."""
         return self._fit.structure
+
+    @property
+    def start(self) -> InitialCondition:
+        """What was taken for unknown about the beginning."""
+        return self._fit.response.start
 
     @property
     def ramp(self) -> float:
@@ -228,6 +233,29 @@ def identify(
     best = _preferred(models)
     refusal = _refusal(record, best, noise)
     return IdentificationResult(not refusal, refusal or _told(best), models, best, clock() - begun)
+
+
+def refit(
+    record: Record, model: IdentifiedModel, start: InitialCondition, begins: Sequence[Floats]
+) -> IdentificationResult:
+    """A structure fitted to a record that differs a little from the one it was learnt from: behind a filter, say.
+
+    Parameters
+    ----------
+    record : Record
+    model : IdentifiedModel
+        Of that structure.
+    start : InitialCondition
+        What is unknown about the beginning of the record.
+    begins : sequence of ndarray
+        Numbers of the structure from which the fit begins; the best end counts.
+    """
+    begun = time.perf_counter()
+    response = RecordResponse(record, model.structure, start, _COARSE)
+    rows = ~validation_samples(response.time.size)
+    best = _model(record, min((fit(response, begin, rows, 40, 1e-5) for begin in begins), key=_unstable_last))
+    refusal = _refusal(record, best, 0.0)
+    return IdentificationResult(not refusal, refusal or _told(best), (best,), best, time.perf_counter() - begun)
 
 
 def _told(best: IdentifiedModel) -> str:
