@@ -56,6 +56,13 @@ def test_the_margin_is_the_smallest_value_on_the_axis_over_the_sum_of_sizes() ->
         assert found.decided[0]
 
 
+@pytest.mark.parametrize("damping", [1e-2, 1e-4, 1e-6])
+def test_beside_a_lightly_damped_resonance_the_margin_is_that_of_the_resonance(damping: float) -> None:
+    # s^2 + d s + 3 at its resonance: d sqrt(3) over 6 + d sqrt(3)
+    found = of_polynomials([[1.0, damping, 3.0]])
+    assert found.margin[0] == pytest.approx(damping * math.sqrt(3.0) / (6.0 + damping * math.sqrt(3.0)), rel=0.01)
+
+
 def test_the_grid_is_dense_where_a_zero_is_near_the_axis_ascending_and_never_where_powers_overflow() -> None:
     damped, peaked = of_polynomials([[1.0, 2.0, 1.0]]), of_polynomials([[1.0, 2e-6, 1.0]])
     near = [np.min(np.diff(one.log_frequency)) for one in (damped, peaked)]
