@@ -246,6 +246,17 @@ def test_a_pole_at_the_origin_is_not_stable(process: str, gains: tuple[float, ..
     )
 
 
+def test_constants_that_cancel_at_zero_only_are_a_pole_at_the_origin() -> None:
+    verdict = process_stability(Process.parse("1/(s+1-exp(-0.5s))"))  # no power of s can be taken out
+    assert (verdict.stable, verdict.decided, verdict.reason) == (False, True, "a pole at the origin")
+
+
+def test_of_many_candidates_every_row_has_its_verdict() -> None:
+    gains = np.zeros((600, 5))
+    gains[:, 0], gains[:, 3:] = np.where(np.arange(600) % 2 == 0, 7.9, 8.1), 1.0  # Routh: a gain of 8 is the border
+    assert np.array_equal(stable_mask(read_process("P1"), gains), gains[:, 0] < 8.0)
+
+
 @pytest.mark.parametrize(
     ("text", "unstable"),
     [
