@@ -7,6 +7,7 @@ import pytest
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
 from fopid_core.runtime.controller import ControllerSettings, FopidController, with_gains
+from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.runtime.simulation import simulate
 
@@ -50,6 +51,27 @@ def test_trace_equals_the_offline_simulation_bit_for_bit(graph: Graph, process: 
     assert [s.setpoint for s in loop.states] == list(expected.setpoint)
     stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in loop.measurements]
     assert stamps == [k * 10_000_000 for k in range(1000)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("process", "holding"), [("1/(s+1+0.5*exp(-s))", 1.5), ("2/(s^1.4+1) * exp(-0.123s)", 0.5)], ids=["inner", "orders"]
+)
+def test_a_process_without_a_state_runs_in_the_loop_as_it_does_offline(
+    graph: Graph, process: str, holding: float
+) -> None:
+    gains, h, samples = {"kp": 0.4, "ki": 0.4}, 0.05, 500
+    loop = LockstepLoop(graph, process, gains, h)
+    loop.publish("setpoint", 1.0)
+    loop.advance(samples * h)
+
+    controller = FopidController(ControllerSettings(Fopid(**gains), sample_time=h))
+    expected = simulate(controller, plant_of(PlantSettings(read_process(process), h)), samples, lambda _: 1.0)
+    assert [m.value for m in loop.measurements] == pytest.approx(list(expected.measurement), abs=1e-9)
+    assert [m.value for m in loop.controls] == pytest.approx(list(expected.control), abs=1e-9)
+    # At rest the control is the setpoint over the process's steady-state gain.
+    assert loop.measurements[-1].value == pytest.approx(1.0, abs=0.02)
+    assert loop.controls[-1].value == pytest.approx(holding, abs=0.02 * holding)
 
 
 def test_the_plant_waits_for_a_controller_that_comes_late(graph: Graph) -> None:
