@@ -9,6 +9,7 @@ import pytest
 
 from fopid_core.design.recorded_tuning import NOISE_SHARE, RecordedTuning, tune_recorded
 from fopid_core.design.robust_verification import RobustLimits
+from fopid_core.design.specification import TuningResult
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
 from fopid_core.model.response import step_response
@@ -115,3 +116,26 @@ def test_a_design_that_rings_at_the_records_sample_time_is_refused(crossover: fl
     assert found.tuned.tuning is not None
     assert found.tuned.tuning.running is not None
     assert found.success == (found.tuned.tuning.running.ms <= FEW.ms_max), found.message
+
+
+@pytest.mark.slow
+def test_a_design_that_is_refused_by_who_asks_gives_way_to_a_more_cautious_one() -> None:
+    first = tune_recorded(WITHIN, "frequency", limits=FEW, template="foptd")
+    assert first.tuned is not None
+    assert first.tuned.tuning is not None
+    assert first.tuned.tuning.achieved is not None
+    quick = first.tuned.tuning.achieved.crossover
+
+    def refuse(tuning: TuningResult) -> str:
+        assert tuning.achieved is not None
+        return "too quick" if tuning.achieved.crossover > 0.9 * quick else ""
+
+    found = tune_recorded(WITHIN, "frequency", limits=FEW, identified=first.identified, refuse=refuse)
+    assert found.success, found.message
+    assert found.identified is first.identified
+    assert found.tuned is not None
+    assert found.tuned.tuning is not None
+    assert refuse(found.tuned.tuning) == ""
+    none = tune_recorded(WITHIN, "frequency", limits=FEW, identified=first.identified, refuse=lambda _: "too quick")
+    assert not none.success
+    assert "too quick" in none.message

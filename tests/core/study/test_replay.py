@@ -64,6 +64,8 @@ def test_gains_that_the_process_may_not_bear_are_refused_and_some_that_it_bears_
     assert bold.after is None
     own = replay(record)
     assert own.success, own.message
+    for said in ("from the record: sample time 0.1 s", "noise may move the control by"):
+        assert said in own.message
     assert own.after is not None
     assert own.gains is not None
     assert figures(*_signals(day(own.gains))).iae < figures(*_signals(record)).iae

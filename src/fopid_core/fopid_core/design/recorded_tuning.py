@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -171,6 +171,8 @@ def tune_recorded(
     limits: RobustLimits | None = None,
     template: str = "all",
     clock: Clock = time.perf_counter,
+    identified: IdentificationResult | None = None,
+    refuse: Callable[[TuningResult], str] = lambda _: "",
 ) -> RecordedTuning:
     """Learn the process from a record and tune on it, under the bounds that the record gives.
 
@@ -187,6 +189,10 @@ def tune_recorded(
         What to learn, as `identify` takes it.
     clock : callable
         Gives the time [s].
+    identified : IdentificationResult, optional
+        What was learnt from the record, if it was.
+    refuse : callable
+        Why a design may not be handed out, or nothing, as `tune_robustly` takes it.
 
     Examples
     --------
@@ -202,7 +208,7 @@ def tune_recorded(
         limits or RobustLimits(),
     )
     noise = sensor_noise(record)
-    identified = identify(record, template, clock, noise.level if noise.at_rest else 0.0)
+    identified = identified or identify(record, template, clock, noise.level if noise.at_rest else 0.0)
     best = identified.best
     if not identified.success or best is None:
         return RecordedTuning(False, identified.message, identified, noise)
@@ -212,7 +218,7 @@ def tune_recorded(
         own = {name: value for name, value in own.items() if not name.startswith("noise_")}
     taken = {name: value for name, value in own.items() if name not in given}
     request = TuningRequest(best.process, method, **{**own, **given})
-    request, tuned = _quiet(identified, request, given, limits, bounds, clock)
+    request, tuned = _quiet(identified, request, given, limits, bounds, clock, refuse)
     success, told = tuned.success, tuned.message
     if success and tuned.tuning is not None and (moved := control_noise(best.process, tuned.tuning, bounds)):
         told = f"{told}; noise moves the control by {moved:.3g}"
@@ -226,10 +232,10 @@ def tune_recorded(
 
 def _quiet(
     identified: IdentificationResult, request: TuningRequest, given: Mapping[str, Any], limits: RobustLimits,
-    bounds: RecordedBounds, clock: Clock,
+    bounds: RecordedBounds, clock: Clock, refuse: Callable[[TuningResult], str],
 ) -> tuple[TuningRequest, RobustTuning]:  # fmt: skip
     """The design, or a quieter one where noise moves the control too far and nobody has said what decides that."""
-    tuned = tune_robustly(identified, request, limits, clock)
+    tuned = tune_robustly(identified, request, limits, clock, refuse=refuse)
     first = tuned.tuning
     if first is None or first.achieved is None or not _is_free(request, given):
         return request, tuned
@@ -241,7 +247,7 @@ def _quiet(
             request = replace(request, crossover=share * first.achieved.crossover)
         elif request.noise_rms_max is not None:  # by as much less as sampling adds to it
             request = replace(request, noise_rms_max=CLEAR * request.noise_rms_max / excess)
-        tuned = tune_robustly(identified, request, limits, clock)
+        tuned = tune_robustly(identified, request, limits, clock, refuse=refuse)
     return request, tuned
 
 

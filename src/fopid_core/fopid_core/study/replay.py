@@ -16,11 +16,13 @@ import numpy as np
 
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.identification.record import Record
-from fopid_core.design.robust_verification import RobustLimits, behind_hold, robustness, tune_robustly
-from fopid_core.design.specification import Clock, TuningRequest
+from fopid_core.design.recorded_tuning import tune_recorded
+from fopid_core.design.robust_verification import RobustLimits, Robustness, behind_hold, robustness
+from fopid_core.design.specification import Clock, TuningResult
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.two_degrees import NO_FILTER
 from fopid_core.runtime.settings import ControllerSettings
 from fopid_core.study.flaw_search import Learnt, learn
 from fopid_core.study.replayed_loop import grown_steps, simulated, what_was_missed
@@ -167,25 +169,38 @@ def _accepted(
 ) -> tuple[ControllerSettings | None, str]:
     """The controller to run, if it holds on all that the record leaves possible; and what was found, or why not."""
     identified, h = learnt.identified, record.sample_time
-    if not identified.success or identified.best is None:
+    if not identified.success or learnt.possible is None:
         return None, identified.message
-    if settings is None or tuned:
-        found = tune_robustly(identified, TuningRequest(identified.best.process, sample_time=h), limits)
-        if not found.success or found.tuning is None or found.tuning.controller is None:
-            return None, found.message
-        gains = found.tuning.controller
-        settings = ControllerSettings(gains) if settings is None else replace(settings, gains=gains)
-    settings = replace(settings, sample_time=h, band=None)
-    assert learnt.possible is not None
-    possible = behind_hold(learnt.possible.processes, h)
     shares = learnt.flaws.slope(record.measurement) if learnt.flaws.bend else (1.0,)
-    possible = tuple(process.scaled(share) for share in shares for process in possible)
-    judged = robustness(settings.gains, possible, limits, settings.measurement_filter)
-    if not judged.met:
-        within = f"max |S| <= {limits.ms_max:g}, phase margin >= {math.degrees(limits.phase_margin_min):.3g} deg"
-        return None, f"these gains: {judged}; allowed: {within} on all of them"
+    held = behind_hold(learnt.possible.processes, h)
+    possible = tuple(process.scaled(share) for share in shares for process in held)
+
+    def refused(gains: Fopid) -> tuple[str, Robustness]:
+        verdict = robustness(gains, possible, limits, settings.measurement_filter if settings else NO_FILTER)
+        return _refusal(verdict, limits), verdict
+
+    def refuse(tuning: TuningResult) -> str:
+        return refused(tuning.controller)[0] if tuning.controller else ""
+
+    told = identified.message
+    if settings is None or tuned:
+        found = tune_recorded(record, "frequency", None, limits, identified=identified, refuse=refuse)
+        gains = found.tuned.tuning.controller if found.tuned and found.tuned.tuning else None
+        if not found.success or gains is None:
+            return None, found.message
+        settings, told = replace(settings or ControllerSettings(gains), gains=gains), found.message
+    settings = replace(settings, sample_time=h, band=None)
+    refusal, verdict = refused(settings.gains)
     flaws = f"{learnt.flaws}; " if str(learnt.flaws) else ""
-    return settings, f"{identified.message}; {flaws}{judged}"
+    return (None, refusal) if refusal else (settings, f"{told}; {flaws}{verdict}")
+
+
+def _refusal(judged: Robustness, limits: RobustLimits) -> str:
+    """Why gains are not shown, or nothing."""
+    if judged.met:
+        return ""
+    within = f"max |S| <= {limits.ms_max:g}, phase margin >= {math.degrees(limits.phase_margin_min):.3g} deg"
+    return f"these gains: {judged}; allowed: {within} on all of them"
 
 
 def _day(learnt: Learnt, settings: ControllerSettings, record: Record, limits: RobustLimits) -> _Day | None:
@@ -223,7 +238,8 @@ def evenly(record: Record) -> Record:
     latest = np.searchsorted(record.time, instants + 1e-9 * record.sample_time, side="right") - 1
     setpoint = None if record.setpoint is None else record.setpoint[latest]
     measurement = np.interp(instants, record.time, record.measurement)
-    return Record(instants, record.control[latest], measurement, setpoint, record.control_before, record.left_out)
+    return replace(record, time=instants, control=record.control[latest], measurement=measurement, setpoint=setpoint,
+                   excitation=None)  # fmt: skip
 
 
 def figures(instants: Floats, setpoint: Floats, measurement: Floats, control: Floats) -> Figures:
