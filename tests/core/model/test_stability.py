@@ -205,6 +205,7 @@ def test_a_neutral_loop_is_stable_only_below_gain_one_at_infinity(kd: float, sta
     assert verdict.decided
     assert verdict.stable == stable
     assert ("infinitely many" in verdict.reason) != stable
+    assert (verdict.margin == 0.0) != stable
 
 
 def test_a_neutral_loop_at_gain_one_is_too_close_to_call() -> None:
@@ -314,6 +315,19 @@ def test_of_many_candidates_at_once_only_stable_ones_pass_and_hardly_one_is_miss
     mask = stable_mask(read_process(process), candidates)
     assert not np.any(mask & [not verdict.stable for verdict in alone])
     assert mask.sum() >= 0.99 * sum(verdict.stable for verdict in alone)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_candidates_may_each_have_a_filter_of_the_measurement(order: int) -> None:
+    # 1 + T s + (T s)^2 / 2 below the process does the same to the loop
+    rng = np.random.default_rng(8)
+    gains = np.column_stack((rng.uniform(0.0, 12.0, (40, 3)), rng.uniform(0.5, 1.5, (40, 2))))
+    times = 10.0 ** rng.uniform(-2.0, 1.0, 40)
+    slow = [f"({0.5 * t * t * (order == 2):.17g}s^2+{t:.17g}s+1)" for t in times]
+    loops = [Loop(Process.parse(f"1/((s+1)^3*{text})"), Fopid(*row)) for text, row in zip(slow, gains, strict=True)]
+    alone = [stability(loop).stable for loop in loops]
+    assert 5 < sum(alone) < 35
+    assert stable_mask(read_process("P1"), gains, times, order).tolist() == alone
 
 
 @pytest.mark.parametrize("gains", [[[1, 2, 3]], [[1, 0, 0, 1, math.nan]], np.zeros((2, 2, 5))])

@@ -173,5 +173,5 @@ def test_operators_that_live_in_the_rows_of_a_bank_go_on_unchanged() -> None:
     kept.set_weights(integral_weights(BAND, 1.2), derivative_weights(BAND, 0.4, H))
     twin.set_weights(integral_weights(BAND, 1.2), derivative_weights(BAND, 0.4, H))
     assert matrices[1] == pytest.approx(twin.matrix, rel=1e-12)
-    memory[1, -2:] = 1.0, 2.0
-    assert (matrices[1] @ memory[1])[-2:] == pytest.approx(twin.push(1.0, 2.0), rel=1e-12)
+    for value in (1.0, 2.0, 0.5):
+        assert kept.push(value, -value) == pytest.approx(twin.push(value, -value), rel=1e-9)

@@ -82,7 +82,7 @@ def _verdict(characteristic: QuasiPolynomial) -> Stability:
     count, margin, decided = int(zeros.count[0]), float(zeros.margin[0]), bool(zeros.decided[0])
     if zeros.neutral_gain[0] > 1.0 + BORDER:
         return Stability(False, -1, True, 0.0, "infinitely many unstable poles: the delayed loop gain stays above 1")
-    if zeros.origin_order[0] > 0.0 or characteristic.sum_of_order(0.0) == 0.0:
+    if characteristic.sum_of_order(0.0) == 0.0:
         return Stability(False, count, True, 0.0, "a pole at the origin")
     if not decided:
         return Stability(False, -1, False, margin, _why_undecided(zeros))
