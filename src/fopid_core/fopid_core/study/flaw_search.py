@@ -57,7 +57,7 @@ class Learnt:
 def learn(record: Record, template: str, count: int, seed: int) -> Learnt:
     """The process and its flaws, from an evenly spaced record, and ``count`` draws of what it leaves possible."""
     flaws, loads = Flaws(centre=float(np.mean(record.measurement))), Loads()
-    first = identify(record, template)
+    first = identify(record, template, disturbances=False)
     if not first.success or first.best is None:
         return Learnt(first, flaws, None, record)
     # A load that steps is not to pass for a drift.

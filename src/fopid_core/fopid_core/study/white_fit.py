@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
+from fopid_core.design.identification.coloured_noise import whitener as whitener_of
 from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, refit
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition
 from fopid_core.model.arrays import Floats
 
-_ORDER = 6
-"""Of the autoregression that makes a residual white."""
 _SECOND = 0.15
 """A second lag with which a fit begins anew, as a share of the first."""
 
@@ -49,7 +48,7 @@ class WhiteFit:
     def whiter(self, record: Record, start: InitialCondition) -> WhiteFit:
         """Behind a filter that takes the memory out of the residual."""
         _, measured, modelled = self.best.simulated
-        whitener = np.convolve(self.whitener, _whitener(measured - modelled))
+        whitener = np.convolve(self.whitener, whitener_of(measured - modelled))
         return replace(self, whitener=whitener).again(record, start)
 
     @property
@@ -57,13 +56,6 @@ class WhiteFit:
         """The model."""
         assert self.identified.best is not None
         return self.identified.best
-
-
-def _whitener(residual: Floats) -> Floats:
-    """The filter that leaves of a residual what its past does not tell."""
-    past = np.stack([np.roll(residual, i)[_ORDER:] for i in range(1, _ORDER + 1)], axis=1)
-    weights = np.linalg.lstsq(past, residual[_ORDER:], rcond=1e-8)[0]
-    return np.append(1.0, -np.asarray(weights, dtype=np.float64))
 
 
 def _filtered(record: Record, whitener: Floats) -> Record:

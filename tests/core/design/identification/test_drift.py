@@ -78,6 +78,13 @@ def test_noise_and_load_that_no_model_explains_are_no_drift(model: IdentifiedMod
         assert found.proposal is None
 
 
+def test_a_load_that_came_is_no_drift(model: IdentifiedModel) -> None:
+    loaded = closed_loop(BEFORE, square_wave(2000), 6000, STEP, GAINS, 0.01, 7, lambda k: 0.5 * (k > 3500))
+    found = drift(model, loaded.part(20.0, 120.0))
+    assert found.drifted is False
+    assert "beside a load that came" in found.message
+
+
 def test_an_operating_point_that_moves_slowly_is_no_drift(model: IdentifiedModel) -> None:
     record = window(BEFORE, seed=6)
     assert drift(model, Record(record.time, record.control, record.measurement + 0.01 * record.time)).drifted is False

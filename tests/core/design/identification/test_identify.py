@@ -49,6 +49,15 @@ def test_a_clean_step_is_explained_to_99_5_percent(process: str) -> None:
     assert best(identify(record, "nioptd2")).fit_pct >= 99.5
 
 
+@pytest.mark.parametrize("process", list(TEST_BENCH))
+def test_a_step_at_the_first_sample_is_learnt_as_well_as_one_after_a_rest(process: str) -> None:
+    model = best(identify(open_loop(process, np.ones(1000), DURATION[process] / 800)))
+    assert model.fit_pct >= 99.5
+    gain, phase = error_at_crossover(model, process)
+    assert abs(gain) < 0.005
+    assert abs(phase) < 0.5
+
+
 def test_the_fit_is_that_of_the_whole_record_however_soon_the_transient_is_over() -> None:
     time = np.arange(1000) * 0.1
     measurement = lsim(([9.0], [1.0, 3.0, 11.0, 9.0]), np.ones(1000), time)[1]

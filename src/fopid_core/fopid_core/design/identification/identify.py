@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fopid_core.design.defaults import PHASE_MARGIN, gain_sign, natural_crossover
+from fopid_core.design.identification.coloured_noise import fit_in_coloured_noise
 from fopid_core.design.identification.excitation import LEAST_SHARE, MOST_MISSED, external_share, missed_share
 from fopid_core.design.identification.fit import Fit, fit
 from fopid_core.design.identification.initial_estimates import initial_parameters, rough_fit
@@ -51,7 +52,7 @@ FASTEST = 0.5
 SLOWER = 0.7
 """Where the process is not known well enough, a controller that is so many times as fast is looked at."""
 RICHER = ("rational:4", "rational:3/1")
-GOOD_FIT = 98.0
+GOOD_FIT = 99.9
 """Where the templates fit worse than this [%] and leave a residual whose correlation matters, these are tried too."""
 MATTERS = 0.1
 """A residual that is not white, but of smaller correlation, leaves a richer model 5 % of its size to explain."""
@@ -103,6 +104,7 @@ class IdentifiedModel:
     crossover: float
     deviation: float
     _fit: Fit = field(repr=False, compare=False)
+    _white: Fit = field(repr=False, compare=False)
     _covariance: Floats = field(repr=False, compare=False)
     _drawn: dict[tuple[int, int], tuple[Process, ...]] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -122,6 +124,21 @@ class IdentifiedModel:
     def ramp(self) -> float:
         """How fast the operating point moved in the record [1/s]; 0 where nothing spoke for that."""
         return self._fit.ramp
+
+    @property
+    def loads(self) -> tuple[float, ...]:
+        """When steps of a load came [s after the first instant], where something spoke for that."""
+        return self._fit.response.start.loads
+
+    @property
+    def in_coloured_noise(self) -> bool:
+        """Whether the noise has memory, and was made white for the fit."""
+        return self._white is not self._fit
+
+    @property
+    def fitted(self) -> Fit:
+        """The fit itself."""
+        return self._fit
 
     @property
     def numbers(self) -> Floats:
@@ -154,7 +171,7 @@ class IdentifiedModel:
     def sample(self, count: int, seed: int = 0) -> tuple[Process, ...]:
         """Processes that the record cannot tell from this one: drawn from the covariance, and held to the record."""
         if (count, seed) not in self._drawn:  # every design that is verified asks for the same
-            self._drawn[count, seed] = sampled_processes(self._fit, self._covariance, count, seed)
+            self._drawn[count, seed] = sampled_processes(self._white, self._covariance, count, seed)
         return self._drawn[count, seed]
 
 
@@ -184,8 +201,9 @@ class IdentificationResult:
 
 
 def identify(
-    record: Record, template: str = "all", clock: Clock = time.perf_counter, noise: float = 0.0
-) -> IdentificationResult:
+    record: Record, template: str = "all", clock: Clock = time.perf_counter, noise: float = 0.0, *,
+    disturbances: bool = True,
+) -> IdentificationResult:  # fmt: skip
     """Fit models to a record and judge them.
 
     Parameters
@@ -199,6 +217,8 @@ def identify(
     noise : float
         Standard deviation of the measurement's noise, where it is known: a model that leaves little more has explained
         what there is, however small the moves were.
+    disturbances : bool
+        Whether steps of a load are looked for, and noise may have memory.
 
     Returns
     -------
@@ -224,13 +244,15 @@ def identify(
     refusal = _refusal_before(record)
     if refusal:
         return IdentificationResult(False, refusal, (), None, clock() - begun)
-    rough = rough_fit(record, _ROUGH)
+    rough = rough_fit(record, _ROUGH, loads=disturbances)
     if external_share(record, rough.response.start) < LEAST_SHARE:
         return IdentificationResult(False, _FEEDBACK, (), None, clock() - begun)
     models = _models(record, rough, structures)
     if template == "all" and _miss_something(models):
         models += _models(record, rough, [structure_of(name) for name in RICHER])
     best = _preferred(models)
+    if disturbances and _explains_little(best) and record.is_regular and best.fitted.rows.size == record.time.size:
+        best = _in_coloured_noise(record, best)
     refusal = _refusal(record, best, noise)
     return IdentificationResult(not refusal, refusal or _told(best), models, best, clock() - begun)
 
@@ -260,7 +282,27 @@ def refit(
 
 def _told(best: IdentifiedModel) -> str:
     told = f"{best.template} explains {best.fit_pct:.2f} % of the measurement on held-back samples"
-    return f"{told}, beside a drift of {best.ramp:.3g} per second that was taken out" if best.ramp else told
+    beside = [f"a drift of {best.ramp:.3g} per second"] * bool(best.ramp)
+    beside += [f"a load that came after {instant:.3g} s" for instant in best.loads]
+    told = f"{told}, beside {' and '.join(beside)} that was taken out" if beside else told
+    return f"{told}; the noise has memory" if best.in_coloured_noise else told
+
+
+def _explains_little(best: IdentifiedModel) -> bool:
+    return best.fit_pct < LEAST_FIT and not best.whiteness.white
+
+
+def _in_coloured_noise(record: Record, best: IdentifiedModel) -> IdentifiedModel:
+    """The same structure, where an autoregression makes white what it leaves, and it explains enough; else the model.
+
+    Only where the noise is so large that it matters.
+    """
+    found = best.fitted
+    judges = validation_samples(found.rows.size)
+    trained, _ = fit_in_coloured_noise(record, found, ~judges)
+    plain, white = fit_in_coloured_noise(record, found, np.ones_like(judges))
+    model = _judged(plain, white, fit_pct(plain.response.measurement[judges], trained.residual[judges]), record.span)
+    return model if model.whiteness.white and model.fit_pct >= LEAST_FIT_IN_NOISE else best
 
 
 def _models(record: Record, rough: Fit, structures: list[Structure]) -> tuple[IdentifiedModel, ...]:
@@ -286,8 +328,13 @@ def _model(record: Record, coarse: Fit) -> IdentifiedModel:
     judges = validation_samples(response.time.size)
     trained = fit(response, coarse.x, ~judges, 12, 1e-6)
     found = fit(response, trained.x, np.ones_like(judges), 3, 1e-6)
-    spread = covariance(found)
-    crossover, deviation = _crossover(found, spread, record.span)
+    return _judged(found, found, fit_pct(response.measurement[judges], trained.residual[judges]), record.span)
+
+
+def _judged(found: Fit, white: Fit, explained: float, span: float) -> IdentifiedModel:
+    """What a fit says, with the covariance that it has where its residual is white."""
+    spread = covariance(white)
+    crossover, deviation = _crossover(found, spread, span)
     parameters, named = found.structure.parameters(found.x, found.gains), parameter_covariance(found, spread)
     return IdentifiedModel(
         template=found.structure.name,
@@ -295,12 +342,13 @@ def _model(record: Record, coarse: Fit) -> IdentifiedModel:
         parameters=parameters,
         deviations=dict(zip(parameters, np.sqrt(np.maximum(np.diag(named), 0.0)).tolist(), strict=True)),
         parameter_covariance=named,
-        fit_pct=fit_pct(response.measurement[judges], trained.residual[judges]),
-        whiteness=whiteness(found.residual),
+        fit_pct=explained,
+        whiteness=whiteness(white.residual[white.rows]),
         noise=found.error,
         crossover=crossover,
         deviation=deviation,
         _fit=found,
+        _white=white,
         _covariance=spread,
     )
 
@@ -368,22 +416,22 @@ def _refusal(record: Record, best: IdentifiedModel, noise: float) -> str:
         return f"disturbances have moved the measurement more than the experiment has: {_LARGER}"
     if missed > MOST_MISSED:
         return f"the model misses {min(100.0 * missed, 100.0):.0f} % of what the experiment has moved: {_LARGER}"
-    explains_little = best.fit_pct < LEAST_FIT and not best.whiteness.white
     known_rest = best.noise <= NOISES * noise or missed < MISSED_IN_NOISE
-    if explains_little and (not known_rest or best.fit_pct < LEAST_FIT_IN_NOISE):
+    if _explains_little(best) and (not known_rest or best.fit_pct < LEAST_FIT_IN_NOISE):
         return f"the control explains only {max(best.fit_pct, 0.0):.0f} % of the measurement: {_advice(record)}"
     if not process_stability(best.process).stable:
         return f"the model that fits best is unstable: {_STABILISE}"
+    runs_away = f"; if it runs away, {_STABILISE}" if _grows(record) else ""
     needed = SHORTEST / best.crossover
     if needed > record.span:
         return (
             f"too short: {record.span:.3g} s of a process that a controller would move at {best.crossover:.3g} rad/s; "
-            f"record at least {needed:.3g} s" + (f"; if it runs away, {_STABILISE}" if _grows(record) else "")
+            f"record at least {needed:.3g} s{runs_away}"
         )
     if not best.deviation <= MOST_DEVIATION:
         return (
             f"too little information: the process is uncertain by {100.0 * best.deviation:.0f} % where a controller "
-            "would work; record longer, with larger moves of the control, or with a PRBS experiment"
+            f"would work; record longer, with larger moves of the control, or with a PRBS experiment{runs_away}"
         )
     return ""
 

@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 
 from fopid_core.design.identification.fit import Fit, at, fit
+from fopid_core.design.identification.load_steps import likeliest_load
 from fopid_core.design.identification.quality import whiteness
 from fopid_core.design.identification.record import Record, validation_samples
 from fopid_core.design.identification.response import InitialCondition, RecordResponse
@@ -27,6 +28,9 @@ _NO_BETTER = 4.0
 """A beginning must be better by more than this to be taken in place of one that is preferred."""
 _RAMP_COUNTS = 4
 """A ramp counts as so many numbers: it must take a quarter off the error, since a slow process looks like one."""
+_LOADS, _LOAD_COUNTS = 2, 12
+"""So many steps of a load are looked for at most, and each counts as so many numbers beside its size: it must halve
+what is left, since a richer process may look like one."""
 _NEAR_ZERO = 0.1
 """A measurement that begins within this share of its range from zero began at rest at zero, if at rest at all."""
 _POLISH = 12
@@ -58,10 +62,10 @@ def _stands_still(measurement: Floats) -> bool:
     return bool(abs(np.mean(late) - np.mean(early)) <= 3.0 * noise)
 
 
-def rough_fit(record: Record, samples: int) -> Fit:
+def rough_fit(record: Record, samples: int, *, loads: bool = True) -> Fit:
     """Two lags with delay, on at most so many samples, with the beginning that the record calls for.
 
-    Where something is left that is not noise, the operating point may have moved as well.
+    Where something is left that is not noise, the operating point may have moved as well, and loads may have come.
 
     The beginnings are compared with fractional orders allowed, so that no beginning makes up for a model too simple.
     """
@@ -76,8 +80,37 @@ def rough_fit(record: Record, samples: int) -> Fit:
         moving = [replace(start, ramp=True) for start in dict.fromkeys((starts[0], starts[-1]))]
         more = [_two_lags(record, start, table, samples) for start in moving]
         lags, judged = lags + more, judged + [_with_fractional_orders(record, found, samples) for found in more]
+        likely = (starts[0], starts[-1], lags[_preferred(judged)].response.start)
+        for start in dict.fromkeys(likely) if loads else ():
+            first = next(k for k, found in enumerate(lags) if found.response.start == start)
+            loaded = _with_loads(record, lags[first], judged[first], samples)
+            lags, judged = lags + loaded[0], judged + loaded[1]
+    return lags[_preferred(judged)]
+
+
+def _preferred(judged: list[Fit]) -> int:
+    """The first that is about as good as the best."""
     scores = np.array([_score(found) for found in judged])
-    return lags[int(np.argmax(scores <= scores.min() + _NO_BETTER))]
+    return int(np.argmax(scores <= scores.min() + _NO_BETTER))
+
+
+def _with_loads(record: Record, lags: Fit, judged: Fit, samples: int) -> tuple[list[Fit], list[Fit]]:
+    """The same beginning and one load, two loads, ...: two lags, and what they are judged by."""
+    found: tuple[list[Fit], list[Fit]] = ([], [])
+    for _ in range(_LOADS):
+        near = judged
+        for _ in range(2):  # again beside the numbers that it was found to leave
+            start = replace(judged.response.start, loads=(*judged.response.start.loads, likeliest_load(near)))
+            response = RecordResponse(record, lags.structure, start, samples)
+            loaded = fit(response, lags.x, lags.rows, 2 * _POLISH, 1e-3)
+            better = _with_fractional_orders(record, loaded, samples)
+            near = at(judged.response, better.x, judged.rows)
+        if _score(better) > _score(judged) - _NO_BETTER:
+            break
+        lags, judged = loaded, better
+        found[0].append(lags)
+        found[1].append(judged)
+    return found
 
 
 def _two_lags(record: Record, start: InitialCondition, table: _Table, samples: int) -> Fit:
@@ -96,7 +129,8 @@ def _with_fractional_orders(record: Record, lags: Fit, samples: int) -> Fit:
 def _score(found: Fit) -> float:
     """Schwarz's criterion, with differences that do not matter left out."""
     floor = _IMMATERIAL * float(np.std(found.response.measurement)) + 1e-300
-    count = found.response.free_columns + _RAMP_COUNTS * found.response.start.ramp
+    start = found.response.start
+    count = found.response.free_columns + _RAMP_COUNTS * start.ramp + _LOAD_COUNTS * len(start.loads)
     return 2.0 * _INDEPENDENT * math.log(math.hypot(found.error, floor)) + count * math.log(_INDEPENDENT)
 
 

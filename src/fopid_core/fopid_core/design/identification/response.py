@@ -38,12 +38,15 @@ class InitialCondition:
         Whether the process did not rest, so that a free response of unknown shape runs out.
     ramp : bool
         Whether the operating point moves at an unknown, constant rate.
+    loads : tuple of float
+        When steps of unknown size came to the control [s after the first instant].
     """
 
     before: float = 0.0
     step: bool = False
     free: bool = False
     ramp: bool = False
+    loads: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,8 @@ class RecordResponse:
         if start.step:
             steps[0] = 0.0
         self._control = np.fft.rfft(steps * self._damp[:cells], period)
-        self._cells = cells
+        self._cells, self._period = cells, period
+        self._loads = self._steps(np.array(start.loads))
         self._kernel: _Kernel | None = None
 
     def of(self, structure: Structure) -> RecordResponse:
@@ -97,8 +101,9 @@ class RecordResponse:
 
     @property
     def free_columns(self) -> int:
-        """How many columns the beginning adds."""
-        return int(self.start.step) + (self._free_orders if self.start.free else 0)
+        """How many columns the beginning and loads add."""
+        begun = int(self.start.step) + (self._free_orders if self.start.free else 0)
+        return begun + len(self.start.loads) * (self.structure.zeros + 1)
 
     @property
     def _free_orders(self) -> int:
@@ -106,13 +111,14 @@ class RecordResponse:
         return max(1, math.ceil(order))
 
     def columns(self, x: Floats) -> Floats:
-        """Everything that enters linearly, shape (n, k): gains, what the beginning adds, offset and ramp."""
+        """Everything that enters linearly, shape (n, k): gains, what the beginning adds, loads, offset and ramp."""
         delayed = [self._spectrum(x, j, delayed=True) for j in range(self.structure.zeros + 1)]
         spectra = [spectrum * self._control for spectrum in delayed]
         if self.start.step:
             spectra.append(delayed[0])
         if self.start.free:
             spectra += [self._spectrum(x, j, delayed=False) for j in range(self._free_orders)]
+        spectra += [spectrum * load for load in self._loads for spectrum in delayed]
         signals = self._signals(np.stack(spectra))
         ramp = [self.time / self.time[-1]] if self.start.ramp else []
         return np.column_stack([signals, np.ones(len(signals)), *ramp])
@@ -129,9 +135,37 @@ class RecordResponse:
             spectrum = self._fold(driven * slope) * self._control
             spectra.append(spectrum if rest is None else spectrum + self._fold(rest * slope))
         late = self._fold(driven * self._s) * self._control
+        for load, of_load in zip(self._loads, self._load_numerators(coefficients), strict=True):
+            moved = -kernel.step * kernel.lag * of_load
+            spectra = [spectrum + self._fold(moved * slope) * load for spectrum, slope in
+                       zip(spectra, kernel.slopes, strict=True)]  # fmt: skip
+            late = late + self._fold(moved * self._s) * load
         if self.start.step:
             late = late - self._fold(coefficients[gains.size] * self._s * kernel.step * kernel.lag)
         return self._signals(np.stack([*spectra, late]))
+
+    def load_shapes(self, x: Floats, gains: Floats, instants: Floats) -> Floats:
+        """What a unit step of a load at each of some instants [s] makes of the measurement, shape (m, n)."""
+        response = np.polyval(gains[::-1], self._s) * self._at(x).step * self._at(x).lag
+        return np.ascontiguousarray(self._signals(self._fold(response) * self._steps(instants)).T)
+
+    def _steps(self, instants: Floats) -> Complexes:
+        """Spectra of unit steps at some instants [s], shape (m, cells + 1): on the grid or between two cells."""
+        steps = np.zeros((instants.size, self._cells))
+        place = np.clip(instants / self._h, 0.0, self._cells - 1.0)
+        left = np.minimum(place.astype(np.intp), max(self._cells - 2, 0))
+        rows = np.arange(instants.size)
+        steps[rows, left] = 1.0 - (place - left)
+        steps[rows, left + 1] += place - left
+        spectra: Complexes = np.fft.rfft(steps * self._damp[: self._cells], self._period)
+        return spectra
+
+    def _load_numerators(self, coefficients: Floats) -> list[Complexes]:
+        """The numerator of each load's answer."""
+        each = self.structure.zeros + 1
+        first = each + self.free_columns - len(self._loads) * each
+        parts = coefficients[first : first + len(self._loads) * each].reshape(-1, each)
+        return [np.asarray(np.polyval(part[::-1], self._s), dtype=np.complex128) for part in parts]
 
     def scan(self, x: Floats, delays: Floats) -> tuple[Floats, Floats, Floats]:
         """Roughly: what control and a step at the first instant do behind each delay, and two free responses.
