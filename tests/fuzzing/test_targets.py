@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fopid_core.errors import InputError
+
 from .campaign import changed
 from .lines import Fuzzer
 from .targets import TARGETS, fault
@@ -45,3 +47,14 @@ def test_requests_of_the_page_without_ros_are_answered_or_refused_in_one_line() 
     fuzzer, target = Fuzzer(1), TARGETS["explore"]
     cases = [fuzzer.asked(("predict", "take")) for _ in range(60)]
     assert {case: found for case in cases if (found := fault(target, case))} == {}
+
+
+@pytest.mark.parametrize("field", [b"float64 elapsed\n", b"float64 measurement_filter_time\n"])
+def test_a_bag_that_defines_a_type_without_one_of_its_fields_is_refused_in_one_line(field: bytes) -> None:
+    target = TARGETS["bag"]
+    (seed,) = target.seeds()
+    assert field in seed
+    case = seed.replace(field, field[:-2] + b"_\n")  # as long as it was
+    assert fault(target, case) == ""
+    with pytest.raises(InputError, match="its messages lack"):
+        target.read(case)

@@ -74,7 +74,10 @@ def read_bag(
         found = read_topics(bag.readers, wanted, bag.most)
         known = ", ".join(sorted({c.topic for c in bag.connections})) or "no topics"
     chosen = {f"{signal}.field": field for signal, field in named.values() if field}
-    run = _run(path, namespace, found, {**bag.custom, **chosen}, bag.whole)
+    try:
+        run = _run(path, namespace, found, {**bag.custom, **chosen}, bag.whole)
+    except AttributeError as error:  # a type of this name as the bag defines it lacks one of its fields
+        raise InputError(f"bag {str(path)!r} cannot be read: its messages lack {error.name!r}") from None
     missing = [topic for topic, (signal, _) in named.items() if signal not in found]
     missing += [f"{run.namespace}/{name}" for name in needed if name not in run.signals]
     if missing:
