@@ -93,6 +93,6 @@ def slowest_crossover(process: Process, horizon: float, u_max: float) -> float:
 def left_in_words(process: Process, controller: Fopid, crossover: float) -> str:
     """What a load has left, where that is more than is usual; else empty."""
     left = float(LoadTail(process, crossover).left(np.array([controller.gains]))[0])
-    if left <= LEFT_MAX or not controller.ki:
+    if left <= LEFT_MAX or not controller.ki:  # without an integral nobody expects that
         return ""
     return f"; a load fades slowly: {left:.2g} of its error is left after {fading_time(process, crossover):.3g} s"
