@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -38,14 +39,24 @@ def draw_over_time(
     if figure is None:
         figure = new_figure()
         figure.subplots(len(rows), 1, sharex=True, squeeze=False)
-    for axes, (name, signals) in zip(figure.axes, rows, strict=True):
+    draw_signals(figure.axes, rows, title, steps)
+    return figure
+
+
+def draw_signals(
+    column: Sequence[Axes],
+    rows: Sequence[tuple[str, Mapping[str, tuple[Any, Any]]]],
+    title: str = "",
+    steps: bool = False,
+) -> None:
+    """The same into axes that stand one above the other."""
+    for axes, (name, signals) in zip(column, rows, strict=True):
         for label, (time, value) in signals.items():
             axes.plot(time, value, label=label or None, drawstyle="steps-post" if steps else "default")
         axes.set_ylabel(name)
         axes.grid(True, alpha=0.3)
     if title:
-        figure.axes[0].set_title(title)
-    if figure.axes[0].get_legend_handles_labels()[0]:
-        figure.axes[0].legend()
-    figure.axes[-1].set_xlabel("time [s]")
-    return figure
+        column[0].set_title(title)
+    if column[0].get_legend_handles_labels()[0]:
+        column[0].legend()
+    column[-1].set_xlabel("time [s]")

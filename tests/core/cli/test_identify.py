@@ -12,6 +12,8 @@ from click.testing import Result
 from rosbags.rosbag2 import StoragePlugin
 
 from fopid_core.design.identification.record import Record
+from fopid_core.design.sampled_loop import sampled_process
+from fopid_core.model.process import read_process
 from fopid_core.study.records import read_record
 
 from ..design.identification.recorded import step_record
@@ -51,6 +53,21 @@ def test_one_template_can_be_asked_for_and_people_see_a_table(tmp_path: Path) ->
     path = written(step_record("P1", 20.0, 0.05), tmp_path / "step.csv")
     assert [model["template"] for model in answer(path, "--template", "rational:3")["models"]] == ["rational:3"]
     assert "fit on held-back samples" in run(path, "--template", "foptd").stdout
+
+
+def test_the_frequency_response_without_a_model_stands_beside_the_fit(tmp_path: Path) -> None:
+    path = written(step_record("3/(2s+1)*exp(-0.7s)", 40.0, 0.1, noise=0.02), tmp_path / "step.csv")
+    found = answer(path, "--template", "foptd")
+    response = found["frequency_response"]
+    assert response["sample_time"] == pytest.approx(0.1)
+    points = response["points"]
+    assert len(points) > 5
+    assert len(points) + len(response["not_known"]) == 24
+    held = sampled_process(read_process("3/(2s+1)*exp(-0.7s)"), 0.1, 0.1 * np.array([p["frequency"] for p in points]))
+    inside = [abs(p["real"] + 1j * p["imag"] - true) <= p["radius"] for p, true in zip(points, held, strict=True)]
+    assert np.mean(inside) > 0.7
+    assert np.mean([p["model_outside"] for p in points]) < 0.3
+    assert "without a model" in run(path, "--template", "foptd").stdout
 
 
 def test_a_record_without_information_ends_with_status_3_and_advice(tmp_path: Path) -> None:

@@ -39,6 +39,7 @@ def design_verb(
     facts: dict[str, Any] = {}
     fit, record = None, None
     if Path(source).suffix.lower() == ".csv" or columns is not None:
+        from fopid_core.design.identification.frequency_response import frequency_response
         from fopid_core.design.identification.identify import identify
         from fopid_core.study.records import read_record
 
@@ -46,7 +47,7 @@ def design_verb(
         found = identify(record)
         if found.best is None or not found.success:
             raise InputError(f"record {source!r}: {found.message}")
-        process, fit = found.best.process, fit_figure(found.best, record)
+        process, fit = found.best.process, fit_figure(found.best, record, frequency_response(record))
         facts = {"fit_pct": found.best.fit_pct, "template": found.best.template, "message": found.message,
                  "rows_left_out": record.left_out}  # fmt: skip
         sample_time = record.sample_time if sample_time is None else sample_time

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +14,7 @@ from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json
 from fopid_core.cli.output import emit
 
 if TYPE_CHECKING:
+    from fopid_core.design.identification.frequency_response import FrequencyResponse
     from fopid_core.design.identification.identify import IdentifiedModel
 
 
@@ -42,6 +44,7 @@ def identify_verb(
     as_json: bool,
 ) -> None:
     """Learn the process from a record: a csv file with time, control, measurement, or a bag."""
+    from fopid_core.design.identification.frequency_response import frequency_response
     from fopid_core.design.identification.identify import identify
     from fopid_core.design.identification.noise import sensor_noise
     from fopid_core.study.records import read_record
@@ -50,10 +53,11 @@ def identify_verb(
     signals = signals.part(first, last) if math.isfinite(first) or math.isfinite(last) else signals
     sensor = sensor_noise(signals)
     found = identify(signals, template, noise=sensor.level if sensor.at_rest else 0.0)
+    seen = frequency_response(signals)
     if plot and found.best:
         from fopid_core.cli.plots import plot_fit
 
-        plot_fit(found.best, signals, plot)
+        plot_fit(found.best, signals, plot, seen)
     models = [_rows(model) for model in found.models]
     best = found.best
     verdict = {
@@ -72,9 +76,42 @@ def identify_verb(
     }
     tables: list[tuple[str, Mapping[str, Any]]] = [(model.template, _table(model)) for model in found.models]
     shown = verdict | {"process": _readable(best)}
-    emit(verdict | {"models": models}, [*tables, ("Identified" if found.success else "Refused", shown)], as_json)
+    response = _response(seen, best)
+    if seen.known.any():
+        tables.append(("Frequency response without a model: gain and angle, 95 %", _shown(response)))
+    emit(
+        verdict | {"models": models, "frequency_response": response},
+        [*tables, ("Identified" if found.success else "Refused", shown)],
+        as_json,
+    )
     if not found.success:
         click.get_current_context().exit(CANNOT_BE_MET)
+
+
+def _response(seen: FrequencyResponse, best: IdentifiedModel | None) -> dict[str, Any]:
+    """What the record shows without a model, and where the model leaves its regions."""
+    outside = seen.outside(best.process) if best else [None] * seen.frequency.size
+    points = [
+        {"frequency": w, "real": g.real, "imag": g.imag, "radius": r, "model_outside": bool(out) if best else None}
+        for w, g, r, out, known in zip(
+            seen.frequency.tolist(), seen.response.tolist(), seen.radius.tolist(), outside, seen.known, strict=True
+        )
+        if known
+    ]
+    unknown = seen.frequency[~seen.known].tolist()
+    return {"points": points, "not_known": unknown, "sample_time": seen.sample_time, "memory": seen.memory,
+            "reason": seen.reason}  # fmt: skip
+
+
+def _shown(response: Mapping[str, Any]) -> dict[str, str]:
+    rows = {}
+    for point in response["points"]:
+        value = complex(point["real"], point["imag"])
+        size, radius = abs(value), point["radius"]
+        angle, spread = math.degrees(cmath.phase(value)), math.degrees(math.asin(radius / size))
+        beside = ", the model is outside" if point["model_outside"] else ""
+        rows[f"{point['frequency']:.3g} rad/s"] = f"{size:.3g} ± {radius:.2g}, {angle:.1f} ± {spread:.2g} deg{beside}"
+    return rows
 
 
 def _readable(model: IdentifiedModel | None) -> str | None:

@@ -6,14 +6,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fopid_core.drawing import draw_over_time, new_figure
+import numpy as np
+
+from fopid_core.design.sampled_loop import sampled_process
+from fopid_core.drawing import draw_over_time, draw_signals, new_figure
 from fopid_core.errors import InputError
 from fopid_core.model.response import Source, step_response
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from fopid_core.design.front.front import Front
+    from fopid_core.design.identification.frequency_response import FrequencyResponse
     from fopid_core.design.identification.identify import IdentifiedModel
     from fopid_core.design.identification.record import Record
     from fopid_core.model.loop import Loop
@@ -22,6 +27,7 @@ if TYPE_CHECKING:
     from fopid_core.study.replay import Replay
 
 SOURCES: tuple[Source, ...] = ("setpoint", "load")
+_FINE = 300  # points of a curve over frequency
 
 
 def plot_response(response: Response, title: str, path: Path) -> None:
@@ -51,8 +57,8 @@ def plot_steps(loops: Mapping[str, Loop], horizon: float, sample_time: float, ti
     _save(figure, path)
 
 
-def fit_figure(model: IdentifiedModel, record: Record) -> Figure:
-    """Measurement and model over time, above the control that both answer."""
+def fit_figure(model: IdentifiedModel, record: Record, seen: FrequencyResponse | None = None) -> Figure:
+    """Measurement and model over time, above the control that both answer; beside them both over frequency."""
     time, measured, simulated = model.simulated
     rows = [
         (
@@ -61,12 +67,43 @@ def fit_figure(model: IdentifiedModel, record: Record) -> Figure:
         ),
         ("control", {"": (record.time, record.control)}),
     ]
-    return draw_over_time(rows, title=str(model.process) if len(str(model.process)) < 70 else "")
+    title = str(model.process) if len(str(model.process)) < 70 else ""
+    if seen is None or not seen.known.any():
+        return draw_over_time(rows, title=title)
+    figure = new_figure()
+    figure.set_size_inches(12.0, 5.0)
+    grid = figure.subplots(2, 2, sharex="col")
+    draw_signals(grid[:, 0].tolist(), rows)
+    figure.suptitle(title)
+    _draw_over_frequency(grid[0, 1], grid[1, 1], model, seen)
+    return figure
 
 
-def plot_fit(model: IdentifiedModel, record: Record, path: Path) -> None:
+def _draw_over_frequency(sizes: Axes, angles: Axes, model: IdentifiedModel, seen: FrequencyResponse) -> None:
+    """Size and angle as the record shows them, with regions of 95 %, beside the model's."""
+    known = seen.known
+    frequency, size, radius = seen.frequency[known], np.abs(seen.response[known]), seen.radius[known]
+    fine = np.geomspace(frequency[0], frequency[-1], _FINE)
+    modelled = sampled_process(model.process, seen.sample_time, fine * seen.sample_time)
+    angle = np.unwrap(np.angle(modelled))
+    # Near to the model's, so that both are seen on the same turn.
+    beside = np.interp(frequency, fine, angle)
+    near = beside + np.angle(seen.response[known] * np.exp(-1j * beside))
+    spread = np.arcsin(radius / size)
+    sizes.errorbar(frequency, size, radius, fmt="o", markersize=3, label="without a model, 95 %")
+    angles.errorbar(frequency, np.degrees(near), np.degrees(spread), fmt="o", markersize=3)
+    sizes.plot(fine, np.abs(modelled), label=model.template)
+    angles.plot(fine, np.degrees(angle))
+    sizes.set(xscale="log", yscale="log", ylabel="size", title="behind its hold, sampled")
+    angles.set(xscale="log", ylabel="angle [deg]", xlabel="frequency [rad/s]")
+    for axes in (sizes, angles):
+        axes.grid(True, alpha=0.3)
+    sizes.legend()
+
+
+def plot_fit(model: IdentifiedModel, record: Record, path: Path, seen: FrequencyResponse | None = None) -> None:
     """The fit of a model."""
-    _save(fit_figure(model, record), path)
+    _save(fit_figure(model, record, seen), path)
 
 
 def plot_replay(found: Replay, record: Record, path: Path) -> None:

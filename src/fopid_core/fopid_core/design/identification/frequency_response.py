@@ -1,0 +1,277 @@
+"""The frequency response that records show without a model of the process, with regions of confidence.
+
+The measurement is predicted from its own past and the control's by least squares, over a memory so long that what it
+leaves out is far below the noise:
+
+    y_k = sum over j of a_j y_(k-j) + b_j u_(k-j)  +  offset + ramp k + e_k,    G = b(z) / (1 - a(z)).
+
+The memory takes up the colour of the noise, which is why feedback is no error (the direct method), and since the past
+is known, nothing of the beginning leaks into the response. Akaike's criterion balances what a memory leaves out and
+its noise; a region of confidence counts the noise only, so that twice the memory is taken.
+
+References
+----------
+Ljung, System Identification, 2nd ed. (1999), ch. 9.4 and 13.4; Ljung and Wahlberg, Advances in Applied Probability 24
+(1992) 412-440; Hurvich and Tsai, Biometrika 76 (1989) 297-307;
+Berk, Annals of Statistics 2 (1974) 489-502.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import fdtri
+
+from fopid_core.design.identification.excitation import LEAST_SHARE, external_share
+from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
+from fopid_core.design.identification.response import InitialCondition
+from fopid_core.design.sampled_loop import sampled_process
+from fopid_core.errors import InputError
+from fopid_core.model.arrays import Booleans, Complexes, Floats
+from fopid_core.model.process import Process
+
+CONFIDENCE = 0.95
+POINTS = 24
+TELLS = 0.5
+"""A response whose region is wider than this share of its size is not known."""
+_LENGTH = 3000
+"""Longer records are looked at in so many pieces: the control's mean over each, and the measurement where it begins."""
+_LONGER, _LEAST_MEMORY = 2, 16
+"""The memory is so many times what the criterion asks, and at least one part in so many of the record."""
+_EACH, _LONGEST = 6, 150
+"""Samples for each step of the memory, at least; and steps, at most."""
+_PERIODS, _HIGHEST = 4.0, 0.8
+"""From so many periods in the longest record to this share of half the sample rate."""
+_GAP, _UNEVEN = 1.7, 0.3
+"""A distance of so many usual ones is a gap, which ends a piece; no sample may be further from its place than this."""
+_DEPENDENT, _EXACT = 1e-9, 1e-12
+_COLUMNS = 2  # offset and ramp, of each piece
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """The response of the process behind the hold of its control, sampled; arrays of shape (n,).
+
+    Attributes
+    ----------
+    frequency : ndarray
+        [rad/s], ascending.
+    response : ndarray of complex
+        NaN where it is not known.
+    radius : ndarray
+        Of the disc about each that holds the true response in 95 of 100 records; infinite where it is not known.
+    sample_time : float
+        [s]
+    memory : int
+        Of the predictor, in sample times.
+    reason : str
+        Why nothing is known; or nothing.
+
+    References
+    ----------
+    For what sampling makes of a process: `fopid_core.design.sampled_loop.sampled_process`.
+    """
+
+    frequency: Floats
+    response: Complexes
+    radius: Floats
+    sample_time: float
+    memory: int
+    reason: str = ""
+
+    @property
+    def known(self) -> Booleans:
+        """Where the region is narrow enough to tell something."""
+        return np.isfinite(self.radius)
+
+    def model(self, process: Process) -> Complexes:
+        """The same of a model."""
+        return sampled_process(process, self.sample_time, self.frequency * self.sample_time)
+
+    def outside(self, process: Process, beyond: float = 0.0) -> Booleans:
+        """Where the response is known and a model leaves its region, by more than a share of the response."""
+        size = np.where(self.known, np.abs(self.response), 0.0)
+        near = np.where(self.known, np.abs(self.model(process) - self.response), 0.0)
+        return np.asarray(near > np.where(self.known, self.radius, 0.0) + beyond * size)
+
+
+def frequency_response(records: Record | Sequence[Record], points: int = POINTS) -> FrequencyResponse:
+    """Estimate the frequency response from one record or several of the same process, open or closed loop.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+        Of one sample time. A gap in the samples ends a piece, and each piece has an operating point and a drift of its
+        own.
+    points : int
+        How many frequencies, in equal ratios.
+
+    Raises
+    ------
+    InputError
+        If there is no record, or the sample times differ.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> control, noise = rng.standard_normal(600), 0.1 * rng.standard_normal(600)
+    >>> measured = np.zeros(600)
+    >>> for k in range(599):
+    ...     measured[k + 1] = 0.9 * measured[k] + 0.1 * control[k]
+    >>> found = frequency_response(Record(np.arange(600.0), control, measured + noise))
+    >>> true = 0.1 / (np.exp(1j * found.frequency) - 0.9)
+    >>> inside = np.abs(found.response - true)[found.known] <= found.radius[found.known]
+    >>> bool(found.known.mean() > 0.5), bool(inside.mean() > 0.8)
+    (True, True)
+    """
+    several = [records] if isinstance(records, Record) else list(records)
+    if not several:
+        raise InputError("no records; allowed: one or more")
+    usual = [float(np.median(np.diff(record.time))) for record in several]
+    if max(usual) > 1.05 * min(usual):
+        raise InputError(f"records with sample times {min(usual):.4g} to {max(usual):.4g} s; allowed: the same of all")
+    pieces = [piece for record in several for piece in _pieces(record)]
+    longest = max(piece.time.size for piece in pieces)
+    each = -(-longest // _LENGTH)
+    h = each * max(pieces, key=lambda piece: piece.time.size).sample_time
+    low, high = 2.0 * np.pi * _PERIODS / (longest * h / each), _HIGHEST * np.pi / h
+    frequency = np.geomspace(low, high, points)
+    reason = _unfit(several, pieces)
+    signals = [_signals(piece, each) for piece in pieces]
+    memory = 0 if reason else _memory(signals)
+    if not memory:
+        reason = reason or "the control moves too little, or its moves follow from each other"
+        return _nothing(frequency, h, reason)
+    response, radius = _estimate(signals, memory, frequency * h)
+    if each > 1:  # what the mean of the control over a piece leaves out, to second order
+        radius = radius + np.abs(response) * (frequency * h) ** 2 / 24.0
+    known = radius < TELLS * np.abs(response)
+    return FrequencyResponse(
+        frequency, np.where(known, response, complex(np.nan, np.nan)), np.where(known, radius, np.inf), h, memory,
+        "" if known.any() else "the noise hides it at all frequencies",
+    )  # fmt: skip
+
+
+def _nothing(frequency: Floats, h: float, reason: str) -> FrequencyResponse:
+    nowhere = np.full(frequency.size, np.inf)
+    return FrequencyResponse(frequency, np.full(frequency.size, complex(np.nan, np.nan)), nowhere, h, 0, reason)
+
+
+def _unfit(records: Sequence[Record], pieces: Sequence[Record]) -> str:
+    """Why no response can be estimated, whatever the signals do; or nothing."""
+    for piece in pieces:
+        even = np.linspace(piece.time[0], piece.time[-1], piece.time.size)
+        if np.abs(piece.time - even).max() > _UNEVEN * piece.sample_time:
+            return "the samples are uneven"
+    if all(external_share(record, InitialCondition(step=True)) < LEAST_SHARE for record in records):
+        return "the control only answers the measurement"
+    return ""
+
+
+def _pieces(record: Record) -> list[Record]:
+    """The record between its gaps; of pieces too short to say anything the longest."""
+    steps = np.diff(record.time)
+    ends = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
+    if not ends.size:
+        return [record]
+    edges = np.concatenate([[0], ends, [record.time.size]])
+    enough = [(a, b) for a, b in pairwise(edges.tolist()) if b - a >= FEWEST_SAMPLES]
+    return [record.part(float(record.time[a]), float(record.time[b - 1])) for a, b in enough] or [record]
+
+
+def _signals(piece: Record, each: int) -> tuple[Floats, Floats]:
+    """Measurement, and the control held from it on; both about their means."""
+    count = piece.time.size // each
+    measured = piece.measurement[: count * each : each]
+    control = piece.control[: count * each].reshape(count, each).mean(axis=1)
+    return measured - measured.mean(), control - control.mean()
+
+
+def _regression(signals: Sequence[tuple[Floats, Floats]], memory: int) -> Floats:
+    """Offsets and ramps, then y and u from the last sample back, and what they are to predict, in columns."""
+    kept = [(y, u) for y, u in signals if y.size > memory]
+    rows = []
+    for i, (y, u) in enumerate(kept):
+        own = np.zeros((y.size - memory, _COLUMNS * len(kept)))
+        own[:, _COLUMNS * i] = 1.0
+        own[:, _COLUMNS * i + 1] = np.linspace(-1.0, 1.0, y.size - memory)
+        past = np.stack([_windows(y, memory)[:, -2::-1], _windows(u, memory)[:, -2::-1]], axis=2)
+        rows.append(np.column_stack([own, past.reshape(y.size - memory, 2 * memory), y[memory:]]))
+    return np.concatenate(rows)
+
+
+def _windows(signal: Floats, memory: int) -> Floats:
+    return np.lib.stride_tricks.sliding_window_view(signal, memory + 1)
+
+
+def _triangle(signals: Sequence[tuple[Floats, Floats]], memory: int) -> tuple[Floats, Floats, int]:
+    """R of the regression's columns at unit length, their lengths, and how many rows there are."""
+    matrix = _regression(signals, memory)
+    sizes = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    triangle: Floats = np.linalg.qr(matrix / sizes, mode="r")  # type: ignore[assignment]
+    return triangle, sizes, matrix.shape[0]
+
+
+def _memory(signals: Sequence[tuple[Floats, Floats]]) -> int:
+    """How far back the predictor looks; 0 where the signals bear none.
+
+    The columns stand in the order of their lag, so that one factorisation tells what every shorter memory leaves.
+    """
+    lengths = np.array([y.size for y, _ in signals])
+    longest = int(lengths.max())
+    tried = np.arange(1, min(longest // 2, _LONGEST) + 1)
+    rows = np.maximum(lengths[:, np.newaxis] - tried, 0).sum(axis=0)
+    bearable = tried[rows >= _EACH * tried + _COLUMNS * len(signals)]
+    if not bearable.size:
+        return 0
+    most = int(bearable[-1])
+    triangle, _, count = _triangle(signals, max(most // _LONGER, 1))
+    begin = triangle.shape[1] - 1 - 2 * max(most // _LONGER, 1)
+    left = np.cumsum(triangle[::-1, -1] ** 2)[::-1]
+    numbers = np.arange(begin + 2, triangle.shape[1], 2)
+    independent = np.minimum.accumulate(np.abs(np.diag(triangle)[:-1]))[numbers - 1] > _DEPENDENT
+    if not independent[0]:
+        return 0
+    numbers = numbers[independent]
+    criterion = count * np.log(np.maximum(left[numbers], 1e-300)) + 2.0 * numbers * count / (count - numbers - 1)
+    asked = int(np.argmin(criterion)) + 1
+    wished = min(max(_LONGER * asked + 2, longest // _LEAST_MEMORY), most)
+    if independent.all() or wished <= numbers.size:
+        return wished
+    return numbers.size if left[numbers[-1]] <= _EXACT else 0  # without noise a short memory leaves nothing out
+
+
+def _estimate(signals: Sequence[tuple[Floats, Floats]], memory: int, theta: Floats) -> tuple[Complexes, Floats]:
+    """The response at z = exp(j theta), and the radius of the disc about it."""
+    triangle, sizes, count = _triangle(signals, memory)
+    size = sizes.size - 1
+    if np.abs(np.diag(triangle)[:size]).min() <= _DEPENDENT:
+        return np.full(theta.size, np.nan + 0j), np.full(theta.size, np.inf)
+    root = solve_triangular(triangle[:size, :size], np.eye(size)) / sizes[:size, np.newaxis]
+    numbers = root @ triangle[:size, -1] * sizes[-1]
+    level = abs(float(triangle[-1, -1])) * float(sizes[-1]) / np.sqrt(count - size)
+    a, b = numbers[-2 * memory :: 2], numbers[-2 * memory + 1 :: 2]
+    delays = np.exp(-1j * np.outer(theta, np.arange(1, memory + 1)))
+    denominator = 1.0 - delays @ a
+    response = delays @ b / denominator
+    slopes = np.stack([response[:, np.newaxis] * delays, delays], axis=2).reshape(theta.size, -1)
+    moved = level * (slopes / denominator[:, np.newaxis]) @ root[-2 * memory :]
+    return response, _radius(moved, count / memory)
+
+
+def _radius(moved: Complexes, freedom: float) -> Floats:
+    """Of the disc that holds a complex error with these independent parts, of shape (frequencies, parts).
+
+    The noise's power at a frequency is itself an estimate: by a predictor with so many numbers to learn its colour it
+    has no more degrees of freedom than there are memories in the records (Berk 1974).
+    Its square is a sum of two chi-squared variables, of the variances along the axes of the ellipse, and near to one
+    with between one and two degrees of freedom (Satterthwaite 1946): exact for a line and for a circle.
+    """
+    power = np.sum(np.abs(moved) ** 2, axis=1)
+    eccentric = np.abs(np.sum(moved**2, axis=1))  # the difference of the two variances
+    degrees = 2.0 * power**2 / (power**2 + eccentric**2)
+    return np.asarray(np.sqrt(power * fdtri(degrees, freedom, CONFIDENCE)))
