@@ -52,8 +52,9 @@ FASTEST = 0.5
 SLOWER = 0.7
 """Where the process is not known well enough, a controller that is so many times as fast is looked at."""
 RICHER = ("rational:4", "rational:3/1")
-GOOD_FIT = 99.9
-"""Where the templates fit worse than this [%] and leave a residual whose correlation matters, these are tried too."""
+GOOD_FIT, BEST_FIT = 98.0, 99.9
+"""Where the templates fit worse than this [%] and leave a residual whose correlation matters, these are tried too; up
+to the second where the best template may be used: a record that shows a template nothing shows a richer one no more."""
 MATTERS = 0.1
 """A residual that is not white, but of smaller correlation, leaves a richer model 5 % of its size to explain."""
 _ROUGH, _COARSE = 256, 512
@@ -248,7 +249,7 @@ def identify(
     if external_share(record, rough.response.start) < LEAST_SHARE:
         return IdentificationResult(False, _FEEDBACK, (), None, clock() - begun)
     models = _models(record, rough, structures)
-    if template == "all" and _miss_something(models):
+    if template == "all" and _miss_something(record, models, noise):
         models += _models(record, rough, [structure_of(name) for name in RICHER])
     best = _preferred(models)
     if disturbances and _explains_little(best) and record.is_regular and best.fitted.rows.size == record.time.size:
@@ -353,10 +354,12 @@ def _judged(found: Fit, white: Fit, explained: float, span: float) -> Identified
     )
 
 
-def _miss_something(models: tuple[IdentifiedModel, ...]) -> bool:
+def _miss_something(record: Record, models: tuple[IdentifiedModel, ...], noise: float) -> bool:
     good = _about_best(models)
     matters = all(not m.whiteness.white and m.whiteness.correlation > MATTERS for m in good)
-    return matters and max(model.fit_pct for model in good) < GOOD_FIT
+    explained = max(model.fit_pct for model in models)
+    sound = explained >= GOOD_FIT and not _refusal(record, _preferred(models), noise)
+    return matters and explained < (BEST_FIT if sound else GOOD_FIT)
 
 
 def _crossover(found: Fit, spread: Floats, span: float) -> tuple[float, float]:
