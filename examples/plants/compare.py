@@ -111,7 +111,7 @@ def autotuned(name: str, seed: int = 1) -> Row:
     loop = VirtualLoop(exhibit, seed, longest=100.0 * exhibit.horizon)
     loop.run(0.5 * exhibit.horizon)
     criteria = AcceptanceCriteria(
-        TuningRequest(read_process("P1"), timeout=30.0), RobustLimits(2.5, math.radians(30.0)), 2.0, compare=True
+        TuningRequest(read_process("P1"), timeout=600.0), RobustLimits(2.5, math.radians(30.0)), 2.0, compare=True
     )
     request, began = AutotuneRequest(ExperimentSettings(), "all", criteria, False), loop.time
     try:

@@ -124,6 +124,37 @@ def test_new_weights_and_filters_do_not_step_the_control_either(change: dict) ->
         assert abs(step) < (1e-9 if k < 200 else 0.02 if k == 200 else 1.0)
 
 
+@pytest.mark.parametrize("mu", [1.0, 1.25])
+@pytest.mark.parametrize("order", [1, 2])
+def test_noise_of_the_past_is_no_move_when_a_derivative_comes_with_a_filter(mu: float, order: int) -> None:
+    before = ControllerSettings(Fopid(0.3, 0.012), sample_time=1.0)
+    slow = {"measurement_filter_order": order, "measurement_filter_time": 6.0}
+    after = ControllerSettings(Fopid(1.2, 0.037, 17.0, 1.0, mu), sample_time=1.0, **slow)
+    moves, unfiltered = [], []
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(scale=0.05, size=300)
+        controller = FopidController(before)
+        control = [controller.step(0.0, float(noise[k])) for k in range(200)]
+        controller.reconfigure(after)
+        control += [controller.step(0.0, float(noise[k])) for k in range(200, 300)]
+        moves.append(abs(control[200] - control[199]))
+        unfiltered.append(abs(after.gains.kd * (noise[199] - noise[198])))
+    assert np.mean(unfiltered) > 0.5, "what the derivative makes of the last two samples"
+    assert max(moves) < 0.01, "one tick of the integral"
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.6, 1.0])
+def test_the_setpoint_acts_at_once_also_where_a_filter_takes_over(weight: float) -> None:
+    after = ControllerSettings(
+        Fopid(2.0, 0.5), sample_time=H, measurement_filter_order=2, measurement_filter_time=0.3, setpoint_weight=weight
+    )
+    controller = FopidController(ControllerSettings(Fopid(1.0, 0.5), sample_time=H))
+    last = [controller.step(0.0, 0.0) for _ in range(50)][-1]
+    controller.reconfigure(after)
+    controller.reconfigure(ControllerSettings(**{**vars(after), "control_max": 1e3}))
+    assert controller.step(1.0, 0.0) - last == pytest.approx(2.0 * weight, abs=0.5 * H + 1e-12)
+
+
 def test_new_limits_alone_leave_what_is_remembered_alone() -> None:
     # At the limit something is still owed to the memory; a hold right after the change shows whether it was touched.
     config = ControllerSettings(TO_INTEGER[0], sample_time=H, control_min=-1.0, control_max=1.0)

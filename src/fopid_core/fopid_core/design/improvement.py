@@ -21,12 +21,13 @@ from fopid_core.design.robust_verification import (
     tune_robustly,
 )
 from fopid_core.design.specification import Clock, TuningRequest, TuningResult
+from fopid_core.design.textbook import NAMES as RULES
+from fopid_core.design.textbook import textbook_loops
 from fopid_core.design.time.proposal import settling_horizon
 from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
-from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter
 
 LOAD_WEIGHTED = 10.0
 """Of the load in the search of a design in time, whose index is a sum, beside the setpoint's."""
@@ -40,9 +41,8 @@ that the control jumps as it takes over."""
 CLEAR = 0.95
 """Share of a bound on the noise gain that is aimed at where a design broke it."""
 QUIETER = (0.5, 0.25, 0.125)
-"""Shares of the control's movement from noise that is allowed, which are tried as well."""
-RULE_FILTER = 0.1
-"""Time of the filter that a rule's derivative is run with, as a share of the derivative time."""
+"""Shares of the control's movement from noise by the best of them, which are tried as well; not where friction may
+hide the process's slow end, since a slow filter takes the phase that larger moves need."""
 MOST_VERIFIED = 4
 """So many designs are verified on all that the record leaves possible, which takes longest."""
 LARGEST, LARGEST_STEP = 100.0, 10.0
@@ -50,7 +50,6 @@ LARGEST, LARGEST_STEP = 100.0, 10.0
 where a controller would work, and of the gain that runs there: friction may hide that end, not so in larger moves."""
 SLOWER = (0.5, 0.25)
 """Shares of a crossover that are tried where noise moves the control too much."""
-RULES = ("amigo-pid", "amigo-pi", "simc-pi")
 _POINTS, _DECADES = 600, (-7.0, 7.0)
 
 
@@ -256,10 +255,10 @@ def _promising(
         if excess > 1.0 and in_time.noise_rms_max:  # by as much less as sampling and filters add to it
             looked_at(replace(in_time, noise_rms_max=CLEAR * in_time.noise_rms_max / excess))
     fit = [one for one in found if not one.refusal]
-    if fit and usual.noise_rms_max is not None:
-        best = min(fit, key=lambda one: one.score).wanted
+    if fit and usual.noise_rms_max is not None and not usual.bounds:
+        best = min(fit, key=lambda one: one.score)
         for share in QUIETER:
-            looked_at(replace(best, noise_rms_max=share * usual.noise_rms_max))
+            looked_at(replace(best.wanted, noise_rms_max=share * best.worth.noise_gain))
     for rule in RULES:
         looked_at(replace(request, method="rule", rule=rule))
     return sorted(found, key=lambda one: (bool(one.refusal), one.score))
@@ -267,15 +266,10 @@ def _promising(
 
 def _hold_to_textbook(identified: IdentificationResult, request: TuningRequest, judge: LoopJudge) -> None:
     """Ask for less error after a load than rules leave on the learnt process, at no more movement than theirs."""
-    for rule in RULES:
-        try:
-            controller = tune(first_request(identified, replace(request, method="rule", rule=rule))).controller
-        except InputError:  # the rule is not for this process
-            continue
-        if controller is not None:
-            derivative_time = abs(controller.kd / controller.kp) if controller.kp else 0.0
-            slow = MeasurementFilter(1, RULE_FILTER * derivative_time) if derivative_time else NO_FILTER
-            judge.note_textbook(judge.worth(Loop(judge.process, controller, slow)))
+    if identified.best is None:
+        return
+    for controller, slow in textbook_loops(as_held(judge.process, request.sample_time), identified.best.crossover):
+        judge.note_textbook(judge.worth(Loop(judge.process, controller, slow)))
 
 
 def _in_time(request: TuningRequest, judge: LoopJudge, identified: IdentificationResult) -> TuningRequest:

@@ -21,11 +21,12 @@ WORSE, BETTER = 1.05, 0.95
 """By which factor an index may grow, and to which both together must fall, so that new gains beat the old ones."""
 LOAD_WEIGHT = 2.0 / 3.0
 """Of the load in what is best; the rest is the setpoint's."""
-QUIET_WEIGHT, LEAST_SHARE = 0.4, 0.05
-"""Half the movement is worth a quarter of the error: 2^-0.4; below that share of what is allowed nobody feels it."""
+QUIET_WEIGHT, LEAST_SHARE = 0.2, 0.05
+"""Half the movement is worth an eighth of the error, 2^-0.2, but no more load than is aimed at; below that share of
+what is aimed at nobody feels it."""
 AHEAD, SHORT_WEIGHT = 0.8, 2.0
 """Of the rule of the textbooks with the least load error on the learnt process: the share of that error, and of its
-movement, that is aimed at; and how much more than other errors it counts to leave more error than that."""
+movement, that is aimed at; and how much more than other errors it counts to leave or to move more than that."""
 _LEAST = 1e-9
 
 
@@ -139,10 +140,13 @@ class LoopJudge:
             self.best = score, tuned, wanted
 
     def score(self, new: LoopWorth) -> float:
-        """Errors beside those of the running gains; less control from noise is worth some error."""
-        quiet = max(new.noise_gain / self.noise_gain_aim, LEAST_SHARE)
-        short = max(new.load / (AHEAD * self.textbook.load), 1.0) if self.textbook else 1.0
-        return float(self.errors(new) * quiet**QUIET_WEIGHT * short**SHORT_WEIGHT)
+        """Errors beside those of the running gains; less control from noise is worth some of it, more load none."""
+        load = new.load / (AHEAD * self.textbook.load) if self.textbook else 0.0
+        moves = new.noise_gain / self.noise_gain_aim
+        quiet = max(moves, LEAST_SHARE) if load <= 1.0 else 1.0
+        return float(
+            self.errors(new) * min(quiet, 1.0) ** QUIET_WEIGHT * (max(load, 1.0) * max(moves, 1.0)) ** SHORT_WEIGHT
+        )
 
     def errors(self, new: LoopWorth) -> float:
         """Both indices beside those of the running gains; below 1 is better."""

@@ -218,7 +218,7 @@ def tune_robustly(
     limits = limits or RobustLimits()
     wished = first_request(identified, request or TuningRequest(identified.best.process))
     processes = plausible_processes(identified, limits, wished.sample_time)
-    waiting, attempts = [wished], 0
+    waiting, attempts, failed, held = [wished], 0, wished, None
     tuning, judged, reason = None, None, ""
     while waiting:
         careful = waiting.pop(0)
@@ -226,18 +226,28 @@ def tune_robustly(
         attempts += 1
         if attempts == 1:
             waiting = _detuned(careful, tuning, identified.best.crossover)
-        if not tuning.success or tuning.controller is None:
-            continue
-        reason = refuse(tuning)
-        if reason:
-            continue
-        judged = robustness(tuning.controller, processes, limits, tuning.filter)
-        reason = _rings_as_it_runs(tuning, careful.sample_time, limits) if judged.met else ""
-        if judged.met and not reason:
-            message = f"{tuning.message}; {judged}"
-            return RobustTuning(True, message, tuning, judged, attempts, clock() - begun)
+        if tuning.success and tuning.controller is not None:
+            reason = refuse(tuning)
+            if not reason:
+                judged = robustness(tuning.controller, processes, limits, tuning.filter)
+                reason = _rings_as_it_runs(tuning, careful.sample_time, limits) if judged.met else ""
+                if judged.met and not reason:
+                    waiting = _between(failed, careful) if held is None and attempts > 1 else []
+                    message = f"{tuning.message}; {judged}"
+                    held = RobustTuning(True, message, tuning, judged, attempts, clock() - begun)
+                    continue
+        failed = careful
+    if held is not None:
+        return replace(held, attempts=attempts, elapsed=clock() - begun)
     message = reason or _refusal(tuning, judged, attempts, limits)
     return RobustTuning(False, message, tuning, judged, attempts, clock() - begun)
+
+
+def _between(failed: TuningRequest, held: TuningRequest) -> list[TuningRequest]:
+    """A design in time halfway from the last that failed to the first that holds: the shares of max |S| are coarse."""
+    if held.method != "time" or failed.ms_max is None or held.ms_max is None:
+        return []
+    return [replace(held, ms_max=0.5 * (failed.ms_max + held.ms_max))]
 
 
 def _rings_as_it_runs(tuning: TuningResult, sample_time: float, limits: RobustLimits) -> str:

@@ -170,10 +170,11 @@ def _parallel(kp: float, ti: float, td: float, mu: float, model: Foptd) -> Fopid
     return Fopid(float(p), float(i), float(d), 1.0, mu)
 
 
-def _simc_pi(model: Foptd) -> Fopid:
-    """PI with the closed-loop time constant equal to the delay."""
-    kp = model.lag / (model.gain * 2.0 * model.delay)
-    return Fopid(kp, kp / min(model.lag, 8.0 * model.delay))
+def simc_pi(model: Foptd, slower: float = 1.0) -> Fopid:
+    """PI with a closed-loop time constant of so many delays, by the rule one."""
+    speed = (1.0 + slower) * model.delay
+    kp = model.lag / (model.gain * speed)
+    return Fopid(kp, kp / min(model.lag, 4.0 * speed))
 
 
 def _amigo_pi(model: Foptd) -> Fopid:
@@ -252,7 +253,7 @@ _ALL_RULES = (
         _is_within_padula_visioli,
         _PadulaVisioli((0.1804, -1.449, 0.2319), (0.6426, 0.8069, 0.05627), (0.597, 0.5568, -0.09536), (1.0, 1.1, 1.2)),
     ),
-    Rule("simc-pi", "Skogestad, J. Process Control 13 (2003) 291-309 (SIMC)", _DELAYED, _has_delay, _simc_pi),
+    Rule("simc-pi", "Skogestad, J. Process Control 13 (2003) 291-309 (SIMC)", _DELAYED, _has_delay, simc_pi),
     Rule("amigo-pi", "Astrom and Hagglund, Advanced PID Control (2006) (AMIGO)", _DELAYED, _has_delay, _amigo_pi),
     Rule("amigo-pid", "Astrom and Hagglund, Advanced PID Control (2006) (AMIGO)", _DELAYED, _has_delay, _amigo_pid),
 )

@@ -82,6 +82,7 @@ class FopidController:
         self._shift = 0.0  # what bumpless changes have taken out of it
         self._implied_control = self._settings.safe_control  # the control that what is remembered stands for
         self._held = False  # whether the last tick was a hold
+        self._joins = False  # whether a filter takes over at the next tick
         self._owed, self._ticks_to_pay = 0.0, 0  # the part of the bias that holds left, and in how many ticks it goes
         self.state = ControllerState(control=self._settings.safe_control, mode=self.state.mode)
 
@@ -89,7 +90,8 @@ class FopidController:
         """Change any of the settings between two ticks.
 
         With ``bumpless`` the next control moves by what a controller with the new gains all along would
-        have moved it by; without, it goes to where such a controller would have been.
+        have moved it by; without, it goes to where such a controller would have been. The past holds noise that a
+        slower filter of the measurement would not have let in: integral and setpoint alone move that control.
         """
         state, before = self.state, self._settings
         old = self._settle() if settings.gains != before.gains else self._parts
@@ -98,6 +100,8 @@ class FopidController:
         new_weight = settings.derivative_setpoint_weight - before.derivative_setpoint_weight
         self._shift += new_weight * (state.setpoint - self._origin)
         self._go_on_from(old)
+        slower = self._filter is not None and settings.measurement_filter_time > before.measurement_filter_time
+        self._joins |= slower and settings.bumpless and self._started
 
     @property
     def reading(self) -> Reading:
@@ -216,6 +220,9 @@ class FopidController:
             )
         if self._held:
             self._before = state.proportional + state.derivative + state.feedforward
+        elif self._joins:
+            self._before = state.proportional + state.derivative
+            self._before += self.setpoint_feedthrough * (setpoint - state.setpoint)
         state.setpoint, state.measurement, state.feedforward = setpoint, measurement, feedforward
         self._manual = manual
         self._filtered = measurement if self._filter is None else self._behind_filter(self._filter, measurement)
@@ -227,7 +234,10 @@ class FopidController:
         self._read(integral, derivative)
         if self._held:
             self._owe(self._before - state.proportional - state.derivative - state.feedforward)
-            self._held = False
+            self._held = self._joins = False
+        elif self._joins:
+            self._shift_bias(self._before - state.proportional - state.derivative)
+            self._joins = False
         if self._ticks_to_pay:
             self._pay_back()
         automatic = state.mode == "auto"

@@ -1,0 +1,68 @@
+"""Which loop is best: errors first, what the rules leave and move as the mark, quiet where it costs no load."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import pytest
+
+from fopid_core.design.loop_judge import AHEAD, LoopJudge, RunningGains
+from fopid_core.design.loop_worth import LoopWorth
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import Process
+
+RULE = LoopWorth(1.0, 0.5, 1.6, 2.0)
+
+
+@pytest.fixture(scope="module")
+def alone() -> LoopJudge:
+    running = RunningGains(Fopid(0.2, 0.05), noise=0.01, control_movement=0.1)
+    return LoopJudge(Process.parse("1/(s+1)*exp(-0.2s)"), 0.05, running, 2.2)
+
+
+@pytest.fixture
+def judge(alone: LoopJudge) -> LoopJudge:
+    judge = copy.copy(alone)
+    judge.note_textbook(RULE)
+    return judge
+
+
+def test_the_rule_that_leaves_least_after_a_load_is_the_mark(judge: LoopJudge) -> None:
+    assert judge.textbook == RULE
+    judge.note_textbook(replace(RULE, load=0.6))
+    judge.note_textbook(replace(RULE, load=0.1, ms=2.3))
+    assert judge.textbook == RULE, "neither more error nor a rule beyond the limit on max |S|"
+    assert judge.noise_gain_aim == pytest.approx(AHEAD * RULE.noise_gain)
+
+
+def test_quiet_never_costs_more_load_than_the_rule_leaves(judge: LoopJudge) -> None:
+    lively = replace(RULE, load=AHEAD * RULE.load, noise_gain=judge.noise_gain_aim)
+    for share in (0.5, 0.1, 0.01):
+        assert judge.score(replace(lively, load=1.01 * lively.load, noise_gain=share * lively.noise_gain)) > (
+            judge.score(lively)
+        )
+
+
+def test_where_both_leave_less_than_the_rule_half_the_movement_is_worth_some_error(judge: LoopJudge) -> None:
+    lively = replace(RULE, load=0.5 * RULE.load, noise_gain=judge.noise_gain_aim)
+    quieter = replace(lively, noise_gain=0.5 * lively.noise_gain)
+    assert judge.score(quieter) < judge.score(lively)
+    assert judge.score(replace(quieter, load=1.2 * quieter.load)) < judge.score(lively)
+    assert judge.score(replace(quieter, load=1.4 * quieter.load)) > judge.score(lively)
+
+
+def test_more_movement_than_the_rules_counts_as_much_as_more_error_than_theirs(judge: LoopJudge) -> None:
+    good = replace(RULE, load=AHEAD * RULE.load, noise_gain=judge.noise_gain_aim)
+    moves = replace(good, noise_gain=1.3 * good.noise_gain)
+    leaves = replace(good, load=1.3 * good.load)
+    assert judge.score(good) < judge.score(moves)
+    assert judge.score(moves) / judge.score(good) == pytest.approx(1.3**2)
+    short, errors = judge.score(leaves) / judge.score(good), judge.errors(leaves) / judge.errors(good)
+    assert short / errors == pytest.approx(1.3**2)
+
+
+def test_the_noise_share_stays_where_the_rules_ask_for_more(judge: LoopJudge) -> None:
+    judge.note_textbook(replace(RULE, load=0.3, noise_gain=50.0))
+    assert judge.noise_gain_aim == judge.noise_gain_max == pytest.approx(10.0)
+    assert judge.too_noisy(replace(RULE, noise_gain=10.1))
