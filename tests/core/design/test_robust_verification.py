@@ -78,6 +78,25 @@ def test_a_design_that_is_refused_gives_way_to_a_more_cautious_one(learnt: Ident
     assert (never.success, never.message, never.attempts) == (False, "never", 5)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("most", "low", "high"), [(1.55, 1.45, 1.55), (1.45, 1.35, 1.45)])
+def test_a_search_in_time_goes_halfway_back_to_what_failed(
+    learnt: IdentificationResult, most: float, low: float, high: float
+) -> None:
+    """The first has 1.83; 0.7 and 0.5 of what that has above 1 are 1.58 and 1.42, halfway is 1.5."""
+    eager = TuningRequest(read_process("P1"), "time", structure="pi", index="iae", ms_max=2.0)
+
+    def ring(tuning: TuningResult) -> str:
+        return "it rings" if tuning.achieved is None or tuning.achieved.ms > most else ""
+
+    found = tune_robustly(learnt, eager, LIMITS, refuse=ring)
+    assert found.success, found.message
+    assert found.attempts == 4
+    assert found.tuning is not None
+    assert found.tuning.achieved is not None
+    assert low < found.tuning.achieved.ms < high
+
+
 def test_limits_that_no_design_meets_are_refused_with_the_worst(learnt: IdentificationResult) -> None:
     found = tune_robustly(learnt, limits=RobustLimits(ms_max=1.01, samples=5))
     assert not found.success
