@@ -164,6 +164,8 @@ def _without_design(
     if math.isfinite(specification.u_max):
         asked += f" and control peak <= {specification.u_max:g}"
     message += "no stable design with gains of one sign"
+    if process.relative_degree <= 0.0:
+        message += "; its gain does not fall at high frequencies, so any derivative leaves no margin for a delay"
     for turn in OTHER_MARGINS:
         margin = specification.phase_margin + math.radians(turn)
         if 0.0 < margin < math.pi:
