@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from fopid_core.design.identification.frequency_response import frequency_response
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.record import Record
 from fopid_core.design.loop_worth import noise_gain
+from fopid_core.design.response_verification import contradicts, held_without_a_model
 from fopid_core.design.robust_verification import RobustLimits, RobustTuning, tune_robustly
 from fopid_core.design.specification import Clock, TuningRequest, TuningResult
 from fopid_core.model.loop import Loop
@@ -190,7 +192,8 @@ def tune_recorded(
     clock : callable
         Gives the time [s].
     identified : IdentificationResult, optional
-        What was learnt from the record, if it was.
+        What was learnt from the record, if it was. Else, where what is learnt contradicts the frequency response that
+        the record shows without a model, gains must hold for that response as well.
     refuse : callable
         Why a design may not be handed out, or nothing, as `tune_robustly` takes it.
 
@@ -207,7 +210,7 @@ def tune_recorded(
         {name: value for name, value in (options or {}).items() if value is not None},
         limits or RobustLimits(),
     )
-    noise = sensor_noise(record)
+    noise, judges = sensor_noise(record), identified is None
     identified = identified or identify(record, template, clock, noise.level if noise.at_rest else 0.0)
     best = identified.best
     if not identified.success or best is None:
@@ -218,8 +221,12 @@ def tune_recorded(
         own = {name: value for name, value in own.items() if not name.startswith("noise_")}
     taken = {name: value for name, value in own.items() if name not in given}
     request = TuningRequest(best.process, method, **{**own, **given})
+    seen = frequency_response(record) if judges else None
+    doubt = contradicts(seen, best.process) if seen else ""
+    if seen and doubt:
+        refuse = held_without_a_model(seen, limits.ms_max)
     request, tuned = _quiet(identified, request, given, limits, bounds, clock, refuse)
-    success, told = tuned.success, tuned.message
+    success, told = tuned.success, f"{doubt}; {tuned.message}" if doubt else tuned.message
     if success and tuned.tuning is not None and (moved := control_noise(best.process, tuned.tuning, bounds)):
         told = f"{told}; noise moves the control by {moved:.3g}"
         if moved > bounds.control_from_noise and _is_free(request, given):

@@ -34,7 +34,7 @@ from mcap.records import (
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
-_CUT_OFF = (McapError, CRCValidationError, UnicodeDecodeError, struct.error, RuntimeError, zstandard.ZstdError)
+_CUT_OFF = (McapError, CRCValidationError, ValueError, struct.error, RuntimeError, zstandard.ZstdError)
 """What the mcap library raises where a file ends too soon or is damaged; lz4 raises RuntimeError."""
 
 _DESCRIBING: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
