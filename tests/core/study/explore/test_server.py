@@ -5,8 +5,13 @@ from __future__ import annotations
 import asyncio
 import http.client
 import json
+import re
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -132,3 +137,24 @@ def test_no_more_wait_than_there_is_room_for(server: Server) -> None:
     finally:
         server.desk.waiting -= MOST_WAITING
     assert server.ask("start")[0] == 200
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("waits", [True, False])
+def test_told_to_stop_while_it_works_or_after_it_ends_at_once_and_says_nothing(waits: bool) -> None:
+    command = [Path(sys.executable).with_name("fopid"), "explore", "--port", "0", "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        assert server.stderr is not None
+        port, token = re.search(r":(\d+)/\S*token=(\S+)", server.stdout.readline()).groups()
+        connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=60)
+        shown = {"Host": f"127.0.0.1:{port}", "Authorization": f"Bearer {token}"}
+        connection.request("POST", "/api/compare", json.dumps({"process": "P1"}), shown)
+        if waits:
+            assert connection.getresponse().status == 200
+        else:
+            time.sleep(1.0)  # within it, or on the way there
+        server.terminate()
+        assert server.wait(20) == 0
+        assert server.stderr.read() == ""
+        connection.close()

@@ -215,7 +215,7 @@ def _on_this_machine(work: Work, tasks: list[Task], workers: int) -> Done:
         except BrokenProcessPool:
             raise InputError("a worker process ended; start the same again to go on from here") from None
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
 
 
 def _end_with_parent() -> None:

@@ -131,7 +131,8 @@ async def serve(desk: Desk, access: Access, sockets: list[socket.socket]) -> Non
     server.add_sockets(sockets)
     await stop.wait()
     server.stop()
-    for executor in (desk.hand, desk.search, desk.long):
-        executor.shutdown(wait=False, cancel_futures=True)
     for child in active_children():
         child.terminate()
+    desk.long.shutdown(cancel_futures=True)  # waits: Python's own end of a pool that breaks meanwhile may fail
+    for executor in (desk.hand, desk.search):
+        executor.shutdown(wait=False, cancel_futures=True)
