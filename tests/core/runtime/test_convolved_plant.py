@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from scipy.signal import fftconvolve
 from scipy.special import erfcx
 
 from fopid_core.errors import InputError
 from fopid_core.model.process import Process, read_process
-from fopid_core.runtime.convolved_plant import FIRST, ConvolvedPlant, plant_of
+from fopid_core.runtime.convolved_plant import FIRST, MOST, ConvolvedPlant, plant_of
 from fopid_core.runtime.plant import Plant, PlantSettings
 
 
@@ -49,11 +50,36 @@ def test_a_rational_one_as_with_its_state(process: str) -> None:
     assert run(ConvolvedPlant(settings), inputs) == pytest.approx(expected, abs=1e-7)
 
 
-def test_it_goes_on_when_the_first_samples_are_used_up() -> None:
-    plant = ConvolvedPlant(PlantSettings(Process.parse("1/(10s^0.8+1)"), sample_time=0.01))
-    last = run(plant, np.ones(FIRST + 100))
-    again = ConvolvedPlant(PlantSettings(Process.parse("1/(10s^0.8+1)"), sample_time=0.02))
-    assert last[1::2][-1] == pytest.approx(run(again, np.ones(FIRST // 2 + 50))[-1], rel=1e-6)
+@pytest.mark.parametrize(
+    ("process", "step"),
+    [
+        ("1/s^0.5", lambda t: 2.0 * np.sqrt(t / math.pi)),
+        (
+            "1/(s^0.5+1)*exp(-100s)",
+            lambda t: np.where(t > 100.0, 1.0 - erfcx(np.sqrt(np.maximum(t - 100.0, 0.0))), 0.0),
+        ),
+        ("(1-exp(-90s))/s", lambda t: np.minimum(t, 90.0)),
+        ("1/(s^2+0.2s+1.01)*(s^0.5+1)/(s^0.5+1)", lambda t: _ringing(t)),
+    ],
+)
+def test_it_goes_on_for_as_long_as_one_likes(process: str, step: object) -> None:
+    plant = ConvolvedPlant(PlantSettings(Process.parse(process), sample_time=0.01))
+    time = 0.01 * np.arange(1, 6 * FIRST)
+    inputs = 1.0 + np.random.default_rng(2).normal(size=time.size)
+    exact = fftconvolve(np.diff(inputs, prepend=0.0), step(time))[: time.size]  # type: ignore[operator]
+    assert run(plant, inputs) == pytest.approx(exact, abs=1e-7 * np.max(np.abs(exact)))
+
+
+def _ringing(time: np.ndarray) -> np.ndarray:
+    return (1.0 - np.exp(-0.1 * time) * (np.cos(time) + 0.1 * np.sin(time))) / 1.01
+
+
+def test_what_winds_for_too_long_is_refused() -> None:
+    plant = ConvolvedPlant(PlantSettings(Process.parse("1/(s^2+1)"), sample_time=0.01))
+    plant._remember(2 * MOST)
+    plant._count = 2 * MOST
+    with pytest.raises(InputError, match=r"still winds .* allowed: a sample time longer than 0\.01 s"):
+        plant.step(1.0)
 
 
 def test_it_rests_at_its_initial_output_and_begins_anew() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -14,12 +15,15 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
 from fopid_core.model.step_transforms import StepTransforms
+from fopid_core.runtime.old_moves import PLACES, OldMoves, interpolation
 from fopid_core.runtime.plant import Plant, PlantSettings
 
-FIRST, MOST = 1 << 12, 1 << 18
-"""Samples of the step response that are worked out at first, twice as many whenever they are used up, and at most."""
+FIRST, MOST = 1 << 12, 1 << 17
+"""Samples that are remembered one by one: at first, doubled while older ones cannot be told together, and at most."""
 WORST = 1e-6
 """Largest error of a step response, relative to its size, that is simulated with."""
+_SMOOTH = 1e-8
+"""Of the size of a step response: how well the moves of long ago act together, or how little it still moves."""
 _BEFORE = 1e-9
 """Of a sample time."""
 
@@ -27,8 +31,9 @@ _BEFORE = 1e-9
 class ConvolvedPlant:
     """``measurement = plant.step(control, disturbance)`` as of `Plant`, for a process that need not be rational.
 
-    Between two samples the input is held, so the output is the sum of all its steps, each times the process's step
-    response since then: exact but for the error of that response (``accuracy``). Work grows with the samples made.
+    Between two samples the input is held, so the output is the sum of all its moves, each times the process's step
+    response since then: exact but for the error of that response (``accuracy``). Moves of long ago act together
+    (`OldMoves`), so that it may run for as long as one likes.
 
     Parameters
     ----------
@@ -55,29 +60,36 @@ class ConvolvedPlant:
     def __init__(self, settings: PlantSettings) -> None:
         self.settings, self.gain_factor = settings, settings.gain_factor
         self.accuracy = 0.0
-        self._added = self._response(FIRST)
+        longest = StepTransforms.of(_open(settings.process), "load").longest_delay
+        self._delays = settings.process.delay + 2.0 * longest
+        self._steps = self._response(np.arange(1.0, 2 * FIRST + 1))
         self.reset()
 
-    def _response(self, count: int) -> Floats:
-        """By how much the response to a unit step grows in each of so many samples."""
+    def _response(self, ages: Floats) -> Floats:
+        """The response to a unit step so many samples ago; rising."""
         process, h = self.settings.process, self.settings.sample_time
-        time = np.asarray(h * np.arange(1, count + 1) - process.delay, dtype=np.float64)
+        time = np.asarray(h * ages - process.delay, dtype=np.float64)
         late = time > 0.0
-        found = np.zeros(count + 1)
+        found = np.zeros(ages.size)
         if late.any():
-            signals, seen = _answer(process.without_delay(), time[late], h)
+            signals, seen = _answer(process, time[late], h)
             values, error = -signals.at(seen)[0], signals.error_at(seen)[0]
-            found[1:][late] = values
-            self.accuracy = float(np.max(error) / max(float(np.max(np.abs(values))), 1e-300))
-            if not self.accuracy <= WORST or not np.isfinite(values).all():
-                raise InputError(f"process {process}: its step response is known to {self.accuracy:.2g} only")
-        return np.diff(found)
+            found[late] = values
+            accuracy = float(np.max(error) / max(float(np.max(np.abs(values))), 1e-300))
+            self.accuracy = max(self.accuracy, accuracy)
+            if not accuracy <= WORST or not np.isfinite(values).all():
+                raise InputError(f"process {process}: its step response is known to {accuracy:.2g} only")
+        return found
 
     def growth(self, count: int) -> Floats:
         """By how much the response to a unit step of the input grows in each of so many samples."""
-        if self._added.size < count:
-            self._added = self._response(count)
-        return self.gain_factor * self._added[:count]
+        return self.gain_factor * np.diff(self._steps_until(count)[:count], prepend=0.0)
+
+    def _steps_until(self, count: int) -> Floats:
+        """The response to a unit step at so many samples at least."""
+        if self._steps.size < count:
+            self._steps = self._response(np.arange(1.0, count + 1))
+        return self._steps
 
     def reset(self) -> None:
         """Back to rest at the initial output; the noise starts anew."""
@@ -86,7 +98,10 @@ class ConvolvedPlant:
         if begun and (gain == 0.0 or (math.isinf(gain) and process.numerator.sum_of_order(0.0) == 0.0)):
             raise InputError(f"initial_output = {begun}; allowed: 0, since this process has no other point of rest")
         self._held = begun / gain if begun and math.isfinite(gain) else 0.0
-        self._inputs, self._count = np.zeros(FIRST), 0
+        self._moves, self._count, self._before = np.zeros(2 * FIRST), 0, 0
+        self._input = 0.0
+        self._old: OldMoves | None = None
+        self._coming: Floats | None = None
         self._noise = np.random.default_rng(self.settings.seed)
         self.output = begun
         self.measurement = self._measure()
@@ -97,25 +112,55 @@ class ConvolvedPlant:
         Raises
         ------
         InputError
-            If an input is not finite, or after ``MOST`` samples.
+            If an input is not finite, or if its response still winds after ``MOST`` samples.
         """
         if not math.isfinite(control + disturbance):
             raise InputError(f"control = {control}, disturbance = {disturbance}; allowed: finite numbers")
-        if self._count == self._inputs.size:
-            self._grow()
-        self._inputs[self._count] = self.gain_factor * (control + disturbance) - self._held
+        if self._count == self._moves.size:
+            self._make_room()
+        before, self._input = self._input, self.gain_factor * (control + disturbance) - self._held
+        self._moves[self._count] = self._input - before
         self._count += 1
         n = self._count
-        self.output = self.settings.initial_output + float(self._inputs[:n] @ self._added[n - 1 :: -1])
+        old = 0.0 if self._coming is None else self._coming[n - 1 - self._coming.size]
+        self.output = self.settings.initial_output + float(self._moves[:n] @ self._steps[n - 1 :: -1] + old)
         self.measurement = self._measure()
         return self.measurement
 
-    def _grow(self) -> None:
-        if 2 * self._count > MOST:
-            raise InputError(f"more than {MOST} samples of a process that is not rational: allowed with a longer tick")
-        self._inputs = np.append(self._inputs, np.zeros(self._count))
-        if self._added.size < self._inputs.size:
-            self._added = self._response(self._inputs.size)
+    def _make_room(self) -> None:
+        """Tell the older half of the moves together, or remember twice as many one by one."""
+        half = self._moves.size // 2
+        if self._old is None:
+            later = self._later(half)
+            if later is None:
+                self._remember(4 * half)
+                return
+            self._old = OldMoves(half, later)
+        self._old.add(self._moves[:half])
+        self._moves[:half] = self._moves[half:]
+        self._count, self._before = half, self._before + half
+        self._coming = self._old.coming(self._before + half)
+
+    def _remember(self, count: int) -> None:
+        if count > 2 * MOST:
+            raise InputError(
+                f"process {self.settings.process}: its step response still winds after {MOST} samples; allowed: a "
+                f"sample time longer than {self.settings.sample_time:g} s"
+            )
+        self._moves = np.append(self._moves, np.zeros(count - self._moves.size))
+        self._steps_until(count)
+
+    def _later(self, age: int) -> Callable[[Floats], Floats] | None:
+        """The response from an age [samples] on, if it rests by then or is smooth, and no delay is still to come."""
+        if age * self.settings.sample_time < self._delays:
+            return None
+        seen = self._steps[age - 1 : 2 * age]
+        close = _SMOOTH * float(np.max(np.abs(seen)))
+        if np.max(np.abs(seen - seen[-1])) <= close:
+            return lambda ages: np.full(ages.size, seen[-1])
+        nodes = self._response(age + 0.5 * age * (PLACES[::-1] + 1.0))[::-1]
+        told = interpolation(np.linspace(-1.0, 1.0, seen.size)) @ nodes
+        return self._response if np.max(np.abs(told - seen)) <= close else None
 
     def _measure(self) -> float:
         if self.settings.noise_std == 0.0:
@@ -137,12 +182,16 @@ def plant_of(settings: PlantSettings) -> AnyPlant:
     return Plant(settings) if settings.process.is_rational else ConvolvedPlant(settings)
 
 
+def _open(process: Process) -> Loop:
+    return Loop(process.without_delay(), Fopid(0.0))
+
+
 def _answer(process: Process, time: Floats, sample_time: float) -> tuple[DelayFree | Delayed, Floats]:
     """The response to a unit step, with the sign of an error, and the instants to read it at.
 
     Where a delay inside makes it jump at an instant, the sample there is from before, as that of `Plant` is.
     """
-    transforms = StepTransforms.of(Loop(process, Fopid(0.0)), "load")
+    transforms = StepTransforms.of(_open(process), "load")
     if not transforms.longest_delay:
         return DelayFree.of(transforms, float(time[-1]), float(time[0])), time
     return Delayed.of(transforms, float(time[-1])), np.maximum(time - _BEFORE * sample_time, 0.5 * time[0])
