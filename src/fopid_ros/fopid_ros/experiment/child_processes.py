@@ -8,7 +8,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
@@ -17,11 +18,27 @@ _LIBC = ctypes.CDLL(None)
 
 STOP_TIME = 8.0
 """How long a child may take to end in good order [s]."""
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 
 
 def die_with_parent() -> None:
     """In the child: be told to stop when the parent is gone, even if it was killed outright."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Hear interrupts only at the end: what one raises in the midst of a fork, or of a lock's release, may be lost."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin_child() -> None:
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTS)  # the parent holds them now
+    die_with_parent()
 
 
 def command(executable: str) -> str:
@@ -67,15 +84,16 @@ class Children:
         stdout: int | None = None,
     ) -> None:
         """Start a process; its stdout is this one's, or a file descriptor."""
-        process = subprocess.Popen(
-            list(arguments),
-            stdin=subprocess.DEVNULL,
-            stdout=stdout,
-            env={**os.environ, **(environment or {})},
-            start_new_session=True,
-            preexec_fn=die_with_parent,  # the parent has one thread when it starts children
-        )
-        self._running.append((name, process))
+        with interrupts_held():
+            process = subprocess.Popen(
+                list(arguments),
+                stdin=subprocess.DEVNULL,
+                stdout=stdout,
+                env={**os.environ, **(environment or {})},
+                start_new_session=True,
+                preexec_fn=_begin_child,  # the parent has one thread when it starts children
+            )
+            self._running.append((name, process))
 
     def process_ids(self) -> dict[str, int]:
         """Process id of each, by name."""

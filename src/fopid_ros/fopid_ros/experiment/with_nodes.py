@@ -7,18 +7,20 @@ import os
 import signal
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fopid_core.errors import InputError
-from fopid_ros.experiment.child_processes import Children, command, ros_arguments
+from fopid_ros.experiment.child_processes import INTERRUPTS, Children, command, interrupts_held, ros_arguments
 
 if TYPE_CHECKING:
     from fopid_core.study.experiments.experiment import Experiment
 
-INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+_INTERRUPTED = threading.Event()
+"""Set by an interrupt: what it raises is lost where Python ignores exceptions, as in the callbacks of imports."""
 
 
 def node_parameters(experiment: Experiment) -> dict[str, dict[str, object]]:
@@ -79,13 +81,10 @@ def _watch(children: Children) -> int:
 
     An interrupt is heard between two looks: in the midst of one it could leave the lock of a child taken for ever.
     """
-    signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
-    try:
+    with interrupts_held():
         while (ended := children.ended()) is None:
-            if signal.sigtimedwait(INTERRUPTS, 0.05) is not None:
+            if _INTERRUPTED.is_set() or signal.sigtimedwait(INTERRUPTS, 0.05) is not None:
                 raise KeyboardInterrupt
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTS)
     name, code = ended
     if name != "experiment":
         print(f"error: {name} ended with code {code}; see its message above", file=sys.stderr)
@@ -147,4 +146,5 @@ def _write(experiment: Experiment, folder: Path) -> Path:
 
 
 def _raise_interrupt(number: int, frame: object) -> None:
+    _INTERRUPTED.set()
     raise KeyboardInterrupt
