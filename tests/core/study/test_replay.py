@@ -10,7 +10,8 @@ import pytest
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
-from fopid_core.runtime.controller import ControllerSettings
+from fopid_core.runtime.controller import ControllerSettings, FopidController
+from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.study.replay import MOST_SAMPLES, evenly, figures, replay
 from fopid_core.study.replayed_loop import grown_steps, simulated
 
@@ -53,6 +54,31 @@ def test_the_bands_hold_the_other_day_and_the_same_gains_give_the_day_itself() -
     assert again.measurement is not None
     # What the integral made of the errors before the first control is not in the record.
     assert np.abs(again.measurement.expected - record.measurement).max() < 1e-3
+
+
+@pytest.mark.slow
+def test_a_limit_that_the_record_never_met_is_in_the_bands_unless_limits_are_given() -> None:
+    wanted, record = Fopid(1.0, 0.8), day(RAN)
+    highest, reach = float(record.control.max()), float(np.ptp(record.control))
+    truth = _measured_with_limit(wanted, highest + 0.05 * reach)
+    shares = []
+    for limits in ({}, {"control_min": -100.0 * reach, "control_max": 100.0 * reach}):
+        found = replay(record, ControllerSettings(wanted, **limits))
+        assert found.beyond > 0.2
+        assert found.measurement is not None
+        shares.append(np.mean((truth >= found.measurement.low - 1e-9) & (truth <= found.measurement.high + 1e-9)))
+    assert shares[0] > shares[1] + 0.3
+
+
+def _measured_with_limit(gains: Fopid, most: float) -> np.ndarray:
+    """The same day where the actuator gives no more than this, which the controller does not know."""
+    controller, seen = FopidController(ControllerSettings(gains, H)), []
+    plant = Plant(PlantSettings(Process.parse(PROCESS), H, delay_model="exact", noise_std=0.005, seed=4))
+    for k in range(400):
+        seen.append(plant.measurement)
+        control = controller.step(float(k // 50 % 2) * (1.0 + 0.1 * (k // 100)), seen[-1])
+        plant.step(min(control, most), 0.02 * (k > 300))
+    return np.array(seen)
 
 
 @pytest.mark.slow

@@ -25,10 +25,13 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import NO_FILTER
 from fopid_core.runtime.settings import ControllerSettings
 from fopid_core.study.flaw_search import Learnt, learn
+from fopid_core.study.flaws import Flaws
 from fopid_core.study.replayed_loop import grown_steps, simulated, what_was_missed
 
 DRAWS = 40
 """Processes that are drawn for the bands."""
+UNSEEN_LIMIT = 0.25
+"""How likely an actuator has a limit within one range of the recorded control beyond it, each way."""
 BAND = 0.95
 TEMPLATE = "soptd"
 """Few numbers, whose covariance says how far they may be off, and whole orders, which are simulated exactly. One lag
@@ -214,7 +217,8 @@ def _day(learnt: Learnt, settings: ControllerSettings, record: Record, limits: R
     if missed is not None:
         shares = np.random.default_rng(limits.seed).standard_normal((limits.samples, 1))
         grown[1:, : missed.size] += shares * missed
-    measurement, control = simulated(record, grown, settings, learnt.possible.flaws)
+    flaws = _with_unseen_limits(learnt.possible.flaws, record, settings, limits.seed)
+    measurement, control = simulated(record, grown, settings, flaws)
     reach = float(np.ptp(record.control))
     if not np.abs(control - record.control).max() <= RUNAWAY * max(reach, 1e-300):
         return None
@@ -226,6 +230,22 @@ def _day(learnt: Learnt, settings: ControllerSettings, record: Record, limits: R
     highest, lowest = float(moves.expected.max()), float(moves.expected.min())
     over = max(highest - float(record.control.max()), float(record.control.min()) - lowest, 0.0)
     return middle, low, high, _band(measurement), moves, over / reach
+
+
+def _with_unseen_limits(flaws: Flaws, record: Record, settings: ControllerSettings, seed: int) -> Flaws:
+    """The draws, where a limit of the actuator may lie beyond what the record's control has met, unless one is given."""
+    random = np.random.default_rng([seed, 2])
+    lowest, highest = float(record.control.min()), float(record.control.max())
+    count = np.size(flaws.low)
+    sides = []
+    for known, given, extreme, way in (
+        (flaws.low, settings.control_min, lowest, -1.0), (flaws.high, settings.control_max, highest, 1.0)
+    ):  # fmt: skip
+        beyond = extreme + way * (highest - lowest) * random.uniform(size=count)
+        unseen = (random.uniform(size=count) < UNSEEN_LIMIT) & np.isinf(known) & np.isinf(given)
+        unseen[0] = False  # the best
+        sides.append(np.where(unseen, beyond, known))
+    return replace(flaws, low=sides[0], high=sides[1])
 
 
 def evenly(record: Record) -> Record:
