@@ -233,7 +233,7 @@ def _day(learnt: Learnt, settings: ControllerSettings, record: Record, limits: R
 
 
 def _with_unseen_limits(flaws: Flaws, record: Record, settings: ControllerSettings, seed: int) -> Flaws:
-    """The draws, where a limit of the actuator may lie beyond what the record's control has met, unless one is given."""
+    """The draws, where a limit of the actuator may lie beyond what the control has met, unless one is given."""
     random = np.random.default_rng([seed, 2])
     lowest, highest = float(record.control.min()), float(record.control.max())
     count = np.size(flaws.low)
