@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from fopid_core.design.identification.frequency_response import frequency_response
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.record import Record
 from fopid_core.design.loop_worth import noise_gain
-from fopid_core.design.response_verification import contradicts, held_without_a_model
+from fopid_core.design.response_verification import held_to_record, no_objection
 from fopid_core.design.robust_verification import RobustLimits, RobustTuning, tune_robustly
 from fopid_core.design.specification import Clock, TuningRequest, TuningResult
 from fopid_core.model.loop import Loop
@@ -221,11 +220,14 @@ def tune_recorded(
         own = {name: value for name, value in own.items() if not name.startswith("noise_")}
     taken = {name: value for name, value in own.items() if name not in given}
     request = TuningRequest(best.process, method, **{**own, **given})
-    seen = frequency_response(record) if judges else None
-    doubt = contradicts(seen, best.process) if seen else ""
-    if seen and doubt:
-        refuse = held_without_a_model(seen, limits.ms_max)
-    request, tuned = _quiet(identified, request, given, limits, bounds, clock, refuse)
+    doubt, contradicted = (
+        held_to_record(record, best, limits.ms_max, request.sample_time) if judges else ("", no_objection)
+    )
+
+    def refused(tuning: TuningResult) -> str:
+        return refuse(tuning) or contradicted(tuning.controller, tuning.filter)
+
+    request, tuned = _quiet(identified, request, given, limits, bounds, clock, refused)
     success, told = tuned.success, f"{doubt}; {tuned.message}" if doubt else tuned.message
     if success and tuned.tuning is not None and (moved := control_noise(best.process, tuned.tuning, bounds)):
         told = f"{told}; noise moves the control by {moved:.3g}"

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from fopid_core.design.identification.frequency_response import FrequencyResponse
-from fopid_core.design.specification import TuningResult
+from fopid_core.design.identification.frequency_response import FrequencyResponse, frequency_response
+from fopid_core.design.identification.identify import IdentifiedModel
+from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
+from fopid_core.model.arrays import Complexes, Floats
+from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
+from fopid_core.model.two_degrees import MeasurementFilter
 
 BEYOND = 0.05
 """A model leaves a region when it is further out than this share of the response, besides."""
+_GAP = 2
+"""Samples that are left out where a load came, which no past tells."""
 FEWEST, SHARE = 3, 0.3
 """So many frequencies must be left, and such a share of those known, for its structure to be wrong."""
 
@@ -24,16 +32,81 @@ def contradicts(response: FrequencyResponse, process: Process) -> str:
     return f"the model leaves what the record shows without one at {outside} of {known} frequencies"
 
 
-def held_without_a_model(response: FrequencyResponse, ms_max: float) -> Callable[[TuningResult], str]:
-    """A judge of designs: why one may not be used, or nothing.
+def doubt_of(record: Record, learnt: IdentifiedModel) -> str:
+    """How a process that was learnt from a record contradicts it; empty where it does not."""
+    return contradicts(_seen(record, learnt), learnt.process)
+
+
+def _seen(record: Record, learnt: IdentifiedModel) -> FrequencyResponse:
+    return frequency_response(_cut(record, learnt.loads))
+
+
+Judge = Callable[[Fopid | None, MeasurementFilter], str]
+"""Why a controller with a filter of the measurement may not be used, or nothing; nothing without one."""
+
+
+def held_to_record(
+    record: Record, learnt: IdentifiedModel, ms_max: float, sample_time: float = 0.0
+) -> tuple[str, Judge]:
+    """How a process that was learnt from a record contradicts it, and what gains are to be held to then.
+
+    Parameters
+    ----------
+    record : Record
+    learnt : IdentifiedModel
+        Where it knows of loads that came, the record is cut there.
+    ms_max : float
+    sample_time : float
+        Of the controller [s]; 0 for that of the record.
+
+    Returns
+    -------
+    doubt : str
+        Empty where the record does not contradict the process: the judge finds nothing then.
+    judge : callable
+        Of designs for that process.
+
+    See Also
+    --------
+    held_without_a_model : What the judge asks.
+    """
+    seen = _seen(record, learnt)
+    doubt = contradicts(seen, learnt.process)
+    return doubt, held_without_a_model(seen, learnt.process, ms_max, sample_time) if doubt else no_objection
+
+
+def _cut(record: Record, instants: Sequence[float]) -> Record:
+    """With a gap, which ends a piece of it, at some instants since its beginning [s]."""
+    first = np.searchsorted(record.time - record.time[0], instants)
+    kept = ~np.isin(np.arange(record.time.size), (first[:, np.newaxis] + np.arange(_GAP)).ravel())
+    if kept.all() or kept.sum() < FEWEST_SAMPLES:
+        return record
+    names = ("time", "control", "measurement", "setpoint", "excitation")
+    signals: dict[str, Any] = {name: getattr(record, name) for name in names}
+    return replace(record, **{name: each[kept] for name, each in signals.items() if each is not None})
+
+
+def no_objection(_: Fopid | None, __: MeasurementFilter) -> str:
+    """The judge of loops with a process that nothing contradicts."""
+    return ""
+
+
+def held_without_a_model(
+    response: FrequencyResponse, process: Process, ms_max: float, sample_time: float = 0.0
+) -> Judge:
+    """A judge of designs for a process that contradicts the response, whose own loops are stable.
 
     At each known frequency |S| is bounded over the whole disc: 1 / (|1 + C F G| - |C F| r), with C as it is in
-    continuous time and G behind its hold. Nothing is said between the frequencies, nor of stability.
+    continuous time and G behind the hold of the controller. From the lowest to the highest of them, 1 + C F G may not
+    go around the origin otherwise than the process's own (Nyquist). Nothing is said between the frequencies.
 
     Parameters
     ----------
     response : FrequencyResponse
+    process : Process
     ms_max : float
+    sample_time : float
+        Of the controller [s]; 0 for that of the response.
 
     Examples
     --------
@@ -41,19 +114,30 @@ def held_without_a_model(response: FrequencyResponse, ms_max: float) -> Callable
     >>> from fopid_core.design.tuner import tune
     >>> w = np.geomspace(0.1, 5.0, 15)
     >>> seen = FrequencyResponse(w, 1.0 / (1j * w + 1.0) ** 3, np.full(15, 0.01), 0.01, 10)
-    >>> judge = held_without_a_model(seen, 2.2)
-    >>> judge(tune(TuningRequest(Process.parse("1/(s+1)^3"), "rule", rule="simc-pi")))
+    >>> def judged(text):
+    ...     process = Process.parse(text)
+    ...     design = tune(TuningRequest(process, "rule", rule="simc-pi"))
+    ...     return held_without_a_model(seen, process, 2.2)(design.controller, design.filter)
+    >>> judged("1/(s+1)^3")
     ''
-    >>> judge(tune(TuningRequest(Process.parse("0.4/(s+1)^3"), "rule", rule="simc-pi")))
+    >>> judged("0.4/(s+1)^3")
     'max |S| above 2.2 at 1.24 rad/s, by what the record shows without a model'
+    >>> judged("0.02/(s+1)^3")
+    'unstable by what the record shows without a model'
     """
     known = response.known
-    w, seen, radius = response.frequency[known], response.response[known], response.radius[known]
+    w = response.frequency[known]
+    held = _hold(w, sample_time or response.sample_time) / _hold(w, response.sample_time)
+    seen, radius = response.response[known] * held, response.radius[known] * np.abs(held)
+    learnt = response.model(process)[known] * held
 
-    def judge(tuning: TuningResult) -> str:
-        if tuning.controller is None:
+    def judge(gains: Fopid | None, slow: MeasurementFilter) -> str:
+        if gains is None:
             return ""
-        controller = tuning.controller(1j * w) * tuning.filter(1j * w)
+        controller = gains(1j * w) * slow(1j * w)
+        difference = np.unwrap(np.angle((1.0 + controller * seen) / (1.0 + controller * learnt)))
+        if abs(difference[-1] - difference[0]) > np.pi:
+            return "unstable by what the record shows without a model"
         nearest = np.abs(1.0 + controller * seen) - np.abs(controller) * radius
         worst = int(np.argmin(nearest))
         if nearest[worst] * ms_max >= 1.0:
@@ -61,3 +145,9 @@ def held_without_a_model(response: FrequencyResponse, ms_max: float) -> Callable
         return f"max |S| above {ms_max:g} at {w[worst]:.3g} rad/s, by what the record shows without a model"
 
     return judge
+
+
+def _hold(frequency: Floats, sample_time: float) -> Complexes:
+    """What holding a control for so long makes of a frequency."""
+    theta = frequency * sample_time
+    return np.asarray(-np.expm1(-1j * theta) / (1j * theta))

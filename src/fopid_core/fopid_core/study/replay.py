@@ -17,6 +17,7 @@ import numpy as np
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.identification.record import Record
 from fopid_core.design.recorded_tuning import tune_recorded
+from fopid_core.design.response_verification import held_to_record
 from fopid_core.design.robust_verification import RobustLimits, Robustness, behind_hold, robustness
 from fopid_core.design.specification import Clock, TuningResult
 from fopid_core.errors import InputError
@@ -172,15 +173,18 @@ def _accepted(
 ) -> tuple[ControllerSettings | None, str]:
     """The controller to run, if it holds on all that the record leaves possible; and what was found, or why not."""
     identified, h = learnt.identified, record.sample_time
-    if not identified.success or learnt.possible is None:
+    if not identified.success or identified.best is None or learnt.possible is None:
         return None, identified.message
     shares = learnt.flaws.slope(record.measurement) if learnt.flaws.bend else (1.0,)
     held = behind_hold(learnt.possible.processes, h)
     possible = tuple(process.scaled(share) for share in shares for process in held)
 
+    doubt, contradicted = held_to_record(learnt.linear, identified.best, limits.ms_max)
+
     def refused(gains: Fopid) -> tuple[str, Robustness]:
-        verdict = robustness(gains, possible, limits, settings.measurement_filter if settings else NO_FILTER)
-        return _refusal(verdict, limits), verdict
+        slow = settings.measurement_filter if settings else NO_FILTER
+        verdict = robustness(gains, possible, limits, slow)
+        return _refusal(verdict, limits) or _contradiction(doubt, contradicted(gains, slow)), verdict
 
     def refuse(tuning: TuningResult) -> str:
         return refused(tuning.controller)[0] if tuning.controller else ""
@@ -196,6 +200,11 @@ def _accepted(
     refusal, verdict = refused(settings.gains)
     flaws = f"{learnt.flaws}; " if str(learnt.flaws) else ""
     return (None, refusal) if refusal else (settings, f"{told}; {flaws}{verdict}")
+
+
+def _contradiction(doubt: str, reason: str) -> str:
+    """Why gains are not shown that the record itself speaks against, or nothing."""
+    return f"these gains: {reason}; {doubt}; allowed: those that hold for both" if reason else ""
 
 
 def _refusal(judged: Robustness, limits: RobustLimits) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from fopid_core.design.certificate.checker import check
 from fopid_core.design.identification.identify import IdentificationResult, identify
@@ -124,6 +125,25 @@ def test_a_design_that_leaves_too_few_ticks_is_refused(learnt: IdentificationRes
     outcome = handover_of(Running(lambda _: 1.0), delay_margin_min=1e4).design(learnt)
     assert not outcome.success
     assert "is below 100 s (verify.ticks)" in outcome.message
+
+
+@pytest.mark.parametrize(
+    ("gain", "lag", "success"), [(10.0, 2.0, False), pytest.param(0.3, 0.0, True, marks=pytest.mark.slow)]
+)
+def test_gains_are_held_to_the_record_where_it_speaks_against_the_model(
+    learnt: IdentificationResult, gain: float, lag: float, success: bool
+) -> None:
+    moves = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 60), 10)
+    further = lfilter([0.0, 0.02 / lag], [1.0, 0.02 / lag - 1.0], moves) if lag else moves
+    measured = gain * lfilter([0.0, 0.04], [1.0, -0.96], further)
+    record = Record(0.02 * np.arange(600), moves, measured + 0.002 * np.random.default_rng(1).standard_normal(600))
+    gain_update = handover_of(Running(lambda _: 1.0))
+    gain_update._criteria = replace(gain_update._criteria, limits=RobustLimits(samples=1))
+    outcome = gain_update.design(learnt, record=record)
+    told = outcome.message.removeprefix("nothing was changed: ")
+    assert outcome.success == success
+    assert told.startswith("the model leaves what the record shows without one at")
+    assert ("by what the record shows without a model" in told) == (not success)
 
 
 def test_with_verify_certify_the_gains_go_out_with_a_proof_of_the_learnt_loop(learnt: IdentificationResult) -> None:

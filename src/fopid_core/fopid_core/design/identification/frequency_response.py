@@ -40,6 +40,8 @@ TELLS = 0.5
 """A response whose region is wider than this share of its size is not known."""
 _LENGTH = 3000
 """Longer records are looked at in so many pieces: the control's mean over each, and the measurement where it begins."""
+_ENOUGH = 4
+"""Of many pieces the longest, until they hold so many times that."""
 _LONGER, _LEAST_MEMORY = 2, 16
 """The memory is so many times what the criterion asks, and at least one part in so many of the record."""
 _EACH, _LONGEST = 6, 150
@@ -134,14 +136,14 @@ def frequency_response(records: Record | Sequence[Record], points: int = POINTS)
     usual = [float(np.median(np.diff(record.time))) for record in several]
     if max(usual) > 1.05 * min(usual):
         raise InputError(f"records with sample times {min(usual):.4g} to {max(usual):.4g} s; allowed: the same of all")
-    pieces = [piece for record in several for piece in _pieces(record)]
-    longest = max(piece.time.size for piece in pieces)
+    pieces = _most([piece for record in several for piece in _pieces(record)])
+    longest = pieces[0].time.size
     each = -(-longest // _LENGTH)
-    h = each * max(pieces, key=lambda piece: piece.time.size).sample_time
+    h = each * pieces[0].sample_time
     low, high = 2.0 * np.pi * _PERIODS / (longest * h / each), _HIGHEST * np.pi / h
     frequency = np.geomspace(low, high, points)
     reason = _unfit(several, pieces)
-    signals = [_signals(piece, each) for piece in pieces]
+    signals = [_signals(piece, each) for piece in pieces if piece.time.size >= each]
     memory = 0 if reason else _memory(signals)
     if not memory:
         reason = reason or "the control moves too little, or its moves follow from each other"
@@ -183,6 +185,14 @@ def _pieces(record: Record) -> list[Record]:
     return [record.part(float(record.time[a]), float(record.time[b - 1])) for a, b in enough] or [record]
 
 
+def _most(pieces: Sequence[Record]) -> list[Record]:
+    """The longest of many pieces, with as many samples as tell enough, the longest first."""
+    ordered = sorted(pieces, key=lambda piece: -piece.time.size)
+    before = np.cumsum([0, *(piece.time.size for piece in ordered[:-1])])
+    allowed = _ENOUGH * max(_LENGTH, ordered[0].time.size)
+    return [piece for piece, samples in zip(ordered, before, strict=True) if samples < allowed]
+
+
 def _signals(piece: Record, each: int) -> tuple[Floats, Floats]:
     """Measurement, and the control held from it on; both about their means."""
     count = piece.time.size // each
@@ -191,29 +201,33 @@ def _signals(piece: Record, each: int) -> tuple[Floats, Floats]:
     return measured - measured.mean(), control - control.mean()
 
 
-def _regression(signals: Sequence[tuple[Floats, Floats]], memory: int) -> Floats:
-    """Offsets and ramps, then y and u from the last sample back, and what they are to predict, in columns."""
+def _regression(signals: Sequence[tuple[Floats, Floats]], memory: int) -> tuple[Floats, Floats, int]:
+    """Y and u from the last sample back and what they are to predict, in columns; their lengths; columns left out.
+
+    The offset and the ramp of each piece are taken out of the others, which are at unit length before that: as if they
+    were columns as well (Frisch and Waugh, Econometrica 1, 1933).
+    """
     kept = [(y, u) for y, u in signals if y.size > memory]
-    rows = []
-    for i, (y, u) in enumerate(kept):
-        own = np.zeros((y.size - memory, _COLUMNS * len(kept)))
-        own[:, _COLUMNS * i] = 1.0
-        own[:, _COLUMNS * i + 1] = np.linspace(-1.0, 1.0, y.size - memory)
+    rows, squares = [], np.zeros(2 * memory + 1)
+    for y, u in kept:
         past = np.stack([_windows(y, memory)[:, -2::-1], _windows(u, memory)[:, -2::-1]], axis=2)
-        rows.append(np.column_stack([own, past.reshape(y.size - memory, 2 * memory), y[memory:]]))
-    return np.concatenate(rows)
+        piece = np.column_stack([past.reshape(y.size - memory, 2 * memory), y[memory:]])
+        squares += np.einsum("ij,ij->j", piece, piece)
+        own = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, len(piece)), _COLUMNS))[0]
+        rows.append(piece - own @ (own.T @ piece))
+    sizes = np.maximum(np.sqrt(squares), 1e-300)
+    return np.concatenate(rows) / sizes, sizes, _COLUMNS * len(kept)
 
 
 def _windows(signal: Floats, memory: int) -> Floats:
     return np.lib.stride_tricks.sliding_window_view(signal, memory + 1)
 
 
-def _triangle(signals: Sequence[tuple[Floats, Floats]], memory: int) -> tuple[Floats, Floats, int]:
-    """R of the regression's columns at unit length, their lengths, and how many rows there are."""
-    matrix = _regression(signals, memory)
-    sizes = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-    triangle: Floats = np.linalg.qr(matrix / sizes, mode="r")  # type: ignore[assignment]
-    return triangle, sizes, matrix.shape[0]
+def _triangle(signals: Sequence[tuple[Floats, Floats]], memory: int) -> tuple[Floats, Floats, int, int]:
+    """R of the regression's columns, their lengths, how many rows there are, and how many columns are not here."""
+    matrix, sizes, own = _regression(signals, memory)
+    triangle: Floats = np.linalg.qr(matrix, mode="r")  # type: ignore[assignment]
+    return triangle, sizes, matrix.shape[0], own
 
 
 def _memory(signals: Sequence[tuple[Floats, Floats]]) -> int:
@@ -229,15 +243,15 @@ def _memory(signals: Sequence[tuple[Floats, Floats]]) -> int:
     if not bearable.size:
         return 0
     most = int(bearable[-1])
-    triangle, _, count = _triangle(signals, max(most // _LONGER, 1))
-    begin = triangle.shape[1] - 1 - 2 * max(most // _LONGER, 1)
+    triangle, _, count, own = _triangle(signals, max(most // _LONGER, 1))
     left = np.cumsum(triangle[::-1, -1] ** 2)[::-1]
-    numbers = np.arange(begin + 2, triangle.shape[1], 2)
+    numbers = np.arange(2, triangle.shape[1], 2)
     independent = np.minimum.accumulate(np.abs(np.diag(triangle)[:-1]))[numbers - 1] > _DEPENDENT
     if not independent[0]:
         return 0
     numbers = numbers[independent]
-    criterion = count * np.log(np.maximum(left[numbers], 1e-300)) + 2.0 * numbers * count / (count - numbers - 1)
+    learnt = numbers + own
+    criterion = count * np.log(np.maximum(left[numbers], 1e-300)) + 2.0 * learnt * count / (count - learnt - 1)
     asked = int(np.argmin(criterion)) + 1
     wished = min(max(_LONGER * asked + 2, longest // _LEAST_MEMORY), most)
     if independent.all() or wished <= numbers.size:
@@ -247,13 +261,13 @@ def _memory(signals: Sequence[tuple[Floats, Floats]]) -> int:
 
 def _estimate(signals: Sequence[tuple[Floats, Floats]], memory: int, theta: Floats) -> tuple[Complexes, Floats]:
     """The response at z = exp(j theta), and the radius of the disc about it."""
-    triangle, sizes, count = _triangle(signals, memory)
+    triangle, sizes, count, own = _triangle(signals, memory)
     size = sizes.size - 1
     if np.abs(np.diag(triangle)[:size]).min() <= _DEPENDENT:
         return np.full(theta.size, np.nan + 0j), np.full(theta.size, np.inf)
     root = solve_triangular(triangle[:size, :size], np.eye(size)) / sizes[:size, np.newaxis]
     numbers = root @ triangle[:size, -1] * sizes[-1]
-    level = abs(float(triangle[-1, -1])) * float(sizes[-1]) / np.sqrt(count - size)
+    level = abs(float(triangle[-1, -1])) * float(sizes[-1]) / np.sqrt(count - own - size)
     a, b = numbers[-2 * memory :: 2], numbers[-2 * memory + 1 :: 2]
     delays = np.exp(-1j * np.outer(theta, np.arange(1, memory + 1)))
     denominator = 1.0 - delays @ a

@@ -13,6 +13,7 @@ import numpy as np
 
 from fopid_core.design.identification.identify import IdentifiedModel, identify
 from fopid_core.design.identification.record import Record
+from fopid_core.design.response_verification import doubt_of
 from fopid_core.errors import InputError
 from fopid_core.study.page.prediction import digits
 from fopid_core.study.records import read_record
@@ -39,15 +40,16 @@ def learnt(record: Record, name: str) -> dict[str, Any]:
     """
     found = identify(record)
     best = found.best
-    picture = None
+    picture, message = None, found.message
     if best is not None:
+        message = "; ".join(told for told in (message, doubt_of(record, best)) if told)
         time, measured, simulated = best.simulated
         thin = slice(None, None, max(1, -(-time.size // POINTS)))
         even = np.linspace(time[0], time[-1], time[thin].size)
         picture = {"time": digits(even), "measurement": digits(np.interp(even, time, measured)),
                    "model": digits(np.interp(even, time, simulated))}  # fmt: skip
     return {
-        "name": name, "success": found.success, "message": found.message,
+        "name": name, "success": found.success, "message": message,
         "best": None if best is None else _told(best), "models": [_told(model) for model in found.models],
         "picture": picture,
     }  # fmt: skip

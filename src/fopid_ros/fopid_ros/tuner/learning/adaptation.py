@@ -119,7 +119,7 @@ class Adaptation:
         criteria: AcceptanceCriteria, wait: LoopWait,
     ) -> Outcome:  # fmt: skip
         gain_update = GainUpdate(self._tap, self._client, wait, controller, criteria)
-        outcome = gain_update.design(found)
+        outcome = gain_update.design(found, record=record)
         if not outcome.success or outcome.model is None:
             return outcome  # what was learnt is not taken over: the next look tries again
         if apply:

@@ -145,7 +145,8 @@ class Autotuner:
         if not found.success or found.best is None:
             return Outcome(message=f"nothing was changed: {found.message}", model=found.best, models=found.models)
         loop = self._experiment.loop
-        return self._gain_update.design(found, loop.noise, loop.control_peak, every=self._request.propose_only)
+        every = self._request.propose_only
+        return self._gain_update.design(found, loop.noise, loop.control_peak, every=every, record=record)
 
     def _settle(self) -> None:
         """Wait until the experiment has died out."""

@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 
 from fopid_core.design.acceptance import rejection_reason
 from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel
+from fopid_core.design.identification.record import Record
 from fopid_core.design.improvement import Candidate, improve
 from fopid_core.design.loop_judge import RunningGains
+from fopid_core.design.response_verification import held_to_record, no_objection
 from fopid_core.design.robust_verification import RobustLimits, RobustTuning
 from fopid_core.design.specification import TuningRequest, TuningResult
 from fopid_core.errors import InputError
@@ -178,8 +180,9 @@ class GainUpdate:
         self._trial: RunningDesign | None = None
 
     def design(
-        self, found: IdentificationResult, noise: float = 0.0, control_peak: float = math.inf, *, every: bool = False
-    ) -> Outcome:
+        self, found: IdentificationResult, noise: float = 0.0, control_peak: float = math.inf, *,
+        every: bool = False, record: Record | None = None,
+    ) -> Outcome:  # fmt: skip
         """Gains for what was learnt that beat the running ones on it, verified on all that the record leaves possible.
 
         Parameters
@@ -191,6 +194,8 @@ class GainUpdate:
             How far a unit step of the setpoint may take the control; infinite where no limit says.
         every : bool
             Whether one of each structure and rule is made, for a person to choose from.
+        record : Record, optional
+            What it was learnt from: where that contradicts the model, gains are held to it as well.
         """
         fit_pct = found.best.fit_pct if found.best else 0.0
 
@@ -199,13 +204,20 @@ class GainUpdate:
 
         tell(found.message)
         wanted = replace(self._criteria.tuning, sample_time=self._controller.sample_time)
+        limits, doubt, contradicted = self._criteria.limits, "", no_objection
+        if record is not None and found.best is not None:
+            doubt, contradicted = held_to_record(record, found.best, limits.ms_max, wanted.sample_time)
+            tell(doubt) if doubt else None
         movement = self._criteria.noise_share * self._controller.control_range
         now = self._controller
         running = RunningGains(now.gains, noise, movement, control_peak, now.filter, now.weights)
         improved = improve(
-            found, wanted, self._criteria.limits, running, self._criteria.compare, self._refused, every=every,
-            tell=tell,
+            found, wanted, limits, running, self._criteria.compare,
+            lambda tuning: self._refused(tuning) or contradicted(tuning.controller, tuning.filter),
+            every=every, tell=tell,
         )  # fmt: skip
+        if doubt:
+            improved = replace(improved, message=f"{doubt}; {improved.message}")
         self._wait.report(Stage("verifying", 0.7, message=improved.message))
         outcome = Outcome(improved.success, improved.message, model=found.best, models=found.models,
                           candidates=improved.candidates, tuned=improved.tuned)  # fmt: skip
