@@ -18,9 +18,11 @@ from fopid_core.design.specification import TuningRequest
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
+from fopid_core.model.two_degrees import SetpointWeights
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.plant import Plant, PlantSettings
-from fopid_core.runtime.settings import ControllerSettings
+from fopid_core.runtime.settings import ControllerSettings, as_designed
+from fopid_core.runtime.simulation import simulate
 
 LIMITS = RobustLimits(2.2, math.radians(30.0), samples=5)
 WEAK, GOOD = Fopid(0.2, 0.05), Fopid(1.0, 1.0)
@@ -81,6 +83,22 @@ def test_of_several_methods_the_best_is_taken(learnt: IdentificationResult) -> N
     before = loop_worth(Loop(learnt.best.process, WEAK), 0.05, 50.0)
     assert best.load < before.load
     assert best.setpoint < before.setpoint
+
+
+@pytest.mark.slow
+def test_the_control_of_the_chosen_gains_moves_no_faster_than_its_actuator(learnt: IdentificationResult) -> None:
+    """As it runs on the plant, after a unit step of the setpoint; those that run begin without a kick."""
+    assert learnt.best is not None
+    running = RunningGains(WEAK, control_rate=0.8, weights=SetpointWeights(0.0, 0.0))
+    found = improve(learnt, request(learnt), LIMITS, running)
+    assert found.success, found.message
+    tuning = found.tuned.tuning
+    assert tuning is not None
+    assert tuning.controller is not None
+    settings = as_designed(tuning.controller, 0.05, tuning.filter, tuning.weights)
+    trace = simulate(FopidController(settings), Plant(PlantSettings(learnt.best.process, 0.05)), 400, lambda _: 1.0)
+    fastest = np.abs(np.diff(np.append(0.0, trace.control))).max() / 0.05
+    assert 0.2 < fastest <= 0.8 * 1.02
 
 
 @pytest.mark.slow

@@ -5,12 +5,19 @@ from __future__ import annotations
 import copy
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from fopid_core.design.loop_judge import AHEAD, LoopJudge, RunningGains
 from fopid_core.design.loop_worth import LoopWorth
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
+from fopid_core.model.two_degrees import NO_FILTER, SetpointWeights
+from fopid_core.runtime.controller import FopidController
+from fopid_core.runtime.plant import Plant, PlantSettings
+from fopid_core.runtime.settings import as_designed
+from fopid_core.runtime.simulation import simulate
 
 RULE = LoopWorth(1.0, 0.5, 1.6, 2.0)
 
@@ -26,6 +33,24 @@ def judge(alone: LoopJudge) -> LoopJudge:
     judge = copy.copy(alone)
     judge.note_textbook(RULE)
     return judge
+
+
+@pytest.mark.parametrize(("gains", "weights"), [
+    (Fopid(2.0, 0.5), SetpointWeights(1.0, 0.0)), (Fopid(0.5, 0.3), SetpointWeights(0.0, 0.0)),
+])  # fmt: skip
+def test_a_control_that_would_move_faster_than_its_actuator_is_refused(gains: Fopid, weights: SetpointWeights) -> None:
+    """How fast it moves is what the running loop shows."""
+    process, h = Process.parse("1/(s+1)"), 0.05
+    plant = Plant(PlantSettings(process, h))
+    trace = simulate(FopidController(as_designed(gains, h, NO_FILTER, weights)), plant, 400, lambda _: 1.0)
+    rate = float(np.abs(np.diff(np.append(0.0, trace.control))).max()) / h
+    loop = Loop(process, gains, weights=weights)
+    for share, refused in ((1.1, False), (0.9, True)):
+        running = RunningGains(Fopid(0.1, 0.01), control_rate=share * rate, weights=SetpointWeights(0.0, 0.0))
+        assert bool(LoopJudge(process, h, running, 2.2).too_fast(loop)) == refused
+    assert not LoopJudge(process, h, RunningGains(Fopid(0.1, 0.01)), 2.2).too_fast(loop)
+    lively = RunningGains(Fopid(6.0, 1.0), control_rate=0.5 * rate)
+    assert not LoopJudge(process, h, lively, 2.2).too_fast(loop), "what runs moves it as fast"
 
 
 def test_the_rule_that_leaves_least_after_a_load_is_the_mark(judge: LoopJudge) -> None:

@@ -242,8 +242,10 @@ def _promising(
             return 0.0
         if tuning.controller is None or not tuning.success:
             return 0.0
-        new = judge.worth(loop_of(judge.process, tuning))
-        refusal = judge.too_noisy(new) or ("" if math.isfinite(new.load) else "its responses are not known")
+        loop = loop_of(judge.process, tuning)
+        new = judge.worth(loop)
+        unknown = "" if math.isfinite(new.load) else "its responses are not known"
+        refusal = judge.too_noisy(new) or unknown or judge.too_fast(loop)
         found.append(_Promise(judge.score(new), wanted, tuning, new, refusal))
         return new.noise_gain / judge.noise_gain_max
 
@@ -277,7 +279,7 @@ def _in_time(request: TuningRequest, judge: LoopJudge, identified: Identificatio
     return replace(
         _with_noise_bound(request, judge), method="time", index="iae", input="both",
         load_weight=LOAD_WEIGHTED * judge.load_scale, filter_order=FILTER_ORDER, two_degrees=True,
-        ms_max=request.ms_max or MS_MAX, u_max=judge.control_peak,
+        ms_max=request.ms_max or MS_MAX, u_max=judge.control_peak, rate_max=judge.control_rate,
         phase_margin=None, crossover=None, t_max=None, s_max=None, rule=None, bounds=_box(identified, judge),
         fixed={**WHOLE_INTEGRAL, **request.fixed},
     )  # fmt: skip

@@ -9,6 +9,7 @@ from fopid_core.design.defaults import process_gain
 from fopid_core.design.loop_worth import LoopWorth, loop_worth, noise_gain
 from fopid_core.design.robust_verification import RobustTuning
 from fopid_core.design.specification import TuningRequest, TuningResult
+from fopid_core.design.verification import control_rate
 from fopid_core.errors import InputError
 from fopid_core.model.evaluation import default_horizon
 from fopid_core.model.fopid import Fopid
@@ -27,7 +28,7 @@ what is aimed at nobody feels it."""
 AHEAD, SHORT_WEIGHT = 0.8, 2.0
 """Of the rule of the textbooks with the least load error on the learnt process: the share of that error, and of its
 movement, that is aimed at; and how much more than other errors it counts to leave or to move more than that."""
-_LEAST = 1e-9
+_LEAST, _ROUNDING = 1e-9, 1e-3
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,9 @@ class RunningGains:
         allowed in any case.
     control_peak : float
         How far a unit step of the setpoint may take the control, by its limits; infinite for none.
+    control_rate : float
+        How fast it may move the control, by the limit on its moves [1/s]; infinite for none. What the running ones do
+        is allowed in any case.
     filter, weights
         Of the measurement and of the setpoint, that run with the gains.
     """
@@ -52,6 +56,7 @@ class RunningGains:
     noise: float = 0.0
     control_movement: float = math.inf
     control_peak: float = math.inf
+    control_rate: float = math.inf
     filter: MeasurementFilter = NO_FILTER
     weights: SetpointWeights = WHOLE_SETPOINT
 
@@ -81,6 +86,7 @@ class LoopJudge:
         self.noise_gain_max, self._quietest = max(allowed, old, _LEAST), max(old, _LEAST)
         self.textbook: LoopWorth | None = None
         self.control_peak = running.control_peak if math.isfinite(running.control_peak) else None
+        self.control_rate = running.control_rate if math.isfinite(running.control_rate) else None
 
     def worth(self, loop: Loop) -> LoopWorth:
         """Over the time in which what runs settles; each loop is looked at once."""
@@ -118,6 +124,8 @@ class LoopJudge:
         self.noise_excess = new.noise_gain / self.noise_gain_max
         if self.noise_excess > 1.0:
             return self.too_noisy(new)
+        if tuned.tuning is not None and (too_fast := self.too_fast(loop_of(self.process, tuned.tuning))):
+            return too_fast
         if math.isinf(old.setpoint):
             return "" if math.isfinite(new.setpoint) else "its responses are not known"
         if old.ms > self._ms_max:  # what runs is not to be kept, however fast it is
@@ -125,6 +133,23 @@ class LoopJudge:
         if new.setpoint > WORSE * old.setpoint or new.load > WORSE * old.load or self.errors(new) > BETTER:
             return f"not better than what runs on the learnt process: {new}; now {old}"
         return ""
+
+    def too_fast(self, loop: Loop) -> str:
+        """Why the limit on the control's moves forbids a loop; empty when it does not."""
+        if self.control_rate is None:
+            return ""
+        now = self._rate(self._runs) if self._horizon else 0.0
+        most, rate = max(self.control_rate, now), self._rate(loop)
+        if rate <= most * (1.0 + _ROUNDING):
+            return ""
+        return f"a unit step of the setpoint would move the control by {rate:.3g} per second ({most:.3g} is allowed)"
+
+    def _rate(self, loop: Loop) -> float:
+        """Infinite for a loop whose response is not known."""
+        try:
+            return control_rate(loop, self._sample_time, self._horizon or default_horizon(loop))
+        except InputError:
+            return math.inf
 
     def too_noisy(self, new: LoopWorth) -> str:
         """Why noise forbids a loop; empty when it does not."""

@@ -193,18 +193,48 @@ def _running_size(response: Response, loop: Loop, sample_time: float) -> Floats:
 def _rate(loop: Loop, bounds: Bounds) -> Check:
     """The first move of the running controller is exact; later ones are slopes of the ideal one's control."""
     asked = f"control rate <= {bounds.rate_max:g} per second"
-    value = _first_control(loop, bounds) / bounds.sample_time
     error = EXACT * bounds.rate_max
-    if value <= bounds.rate_max and bounds.horizon > SMOOTH_TICKS * bounds.sample_time:
-        try:
-            response = step_response(loop, bounds.horizon)
-        except InputError as refusal:
-            return Check("control rate", asked, bounds.rate_max, math.nan, error, reason=str(refusal))
-        late = response.time >= SMOOTH_TICKS * bounds.sample_time
-        time, control = response.time[late], response.control[late]
-        slopes = np.abs(np.diff(control)) / np.maximum(np.diff(time), bounds.sample_time)
-        value = max(value, float(slopes.max(initial=0.0)))
+    try:
+        value = control_rate(loop, bounds.sample_time, bounds.horizon, bounds.rate_max)
+    except InputError as refusal:
+        return Check("control rate", asked, bounds.rate_max, math.nan, error, reason=str(refusal))
     return Check("control rate", asked, bounds.rate_max, value, error)
+
+
+def control_rate(loop: Loop, sample_time: float, horizon: float, enough: float = math.inf) -> float:
+    """How fast the running controller moves its control at most after a unit setpoint step [1/s].
+
+    Parameters
+    ----------
+    loop : Loop
+    sample_time : float
+        Its tick [s]; its first move is made within one.
+    horizon : float
+        How long its later moves count [s].
+    enough : float
+        A first move beyond it is the answer.
+
+    Raises
+    ------
+    InputError
+        If the response is not known.
+
+    Examples
+    --------
+    >>> from fopid_core.model.fopid import Fopid
+    >>> from fopid_core.model.process import Process
+    >>> round(control_rate(Loop(Process.parse("1/(s+1)"), Fopid(ki=0.5)), 0.01, 20.0), 2)
+    0.5
+    """
+    first = abs(float(first_control(_row(loop), sample_time)[0])) / sample_time
+    if first > enough or horizon <= SMOOTH_TICKS * sample_time:
+        return first
+    response = step_response(loop, horizon)
+    late = response.time >= SMOOTH_TICKS * sample_time
+    time, control = response.time[late], response.control[late]
+    ahead = np.minimum(time + sample_time, time[-1])
+    moves = np.abs(np.interp(ahead, time, control) - control)[ahead > time] / (ahead - time)[ahead > time]
+    return max(first, float(moves.max(initial=0.0)))
 
 
 def _first_control(loop: Loop, bounds: Bounds) -> float:

@@ -40,6 +40,7 @@ from fopid_ros.tuner.learning.loop_wait import CancelledError, Stage
 OLD = RunningDesign(Fopid(0.5, 1.0, 0.0, 1.0, 1.0), MeasurementFilter(2, 0.003), SetpointWeights(0.5, 0.0))
 ANOTHERS = RunningDesign(Fopid(0.7, 0.1))
 SAMPLE_TIME = 0.01
+LIMITS = ("control_min", "control_max", "control_rate_max")
 Loop = Callable[[float], float]
 """Measurement at each time, about a setpoint of 1."""
 
@@ -290,15 +291,13 @@ def test_new_gains_are_watched_for_sixty_ticks_at_least(learnt: IdentificationRe
 
 
 def test_a_controller_in_manual_mode_is_not_tuned() -> None:
-    answers = dict.fromkeys((*GAINS, "sample_time", "control_min", "control_max", *FILTER, *WEIGHTS), 1.0) | {
-        "mode": "manual"
-    }
+    answers = dict.fromkeys((*GAINS, "sample_time", *LIMITS, *FILTER, *WEIGHTS), 1.0) | {"mode": "manual"}
     client: Any = SimpleNamespace(get=lambda *names: [answers[name] for name in names])
     with pytest.raises(InputError, match="mode = 'manual'"):
         read_running_controller(client)
     answers["mode"] = "auto"
     assert read_running_controller(client) == RunningController(
-        Fopid(1.0, 1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 1.0, MeasurementFilter(1, 1.0), SetpointWeights()
+        Fopid(1.0, 1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 1.0, MeasurementFilter(1, 1.0), SetpointWeights(), 1.0
     )
 
 

@@ -146,7 +146,9 @@ class Autotuner:
             return Outcome(message=f"nothing was changed: {found.message}", model=found.best, models=found.models)
         loop = self._experiment.loop
         every = self._request.propose_only
-        return self._gain_update.design(found, loop.noise, loop.control_peak, every=every, record=record)
+        return self._gain_update.design(
+            found, loop.noise, loop.control_peak, loop.control_rate, every=every, record=record
+        )
 
     def _settle(self) -> None:
         """Wait until the experiment has died out."""

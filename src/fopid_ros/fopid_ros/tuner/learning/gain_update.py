@@ -112,6 +112,8 @@ class RunningController:
     sample_time : float
         [s]
     control_min, control_max : float
+    control_rate_max : float
+        Of the control's moves [1/s]; infinite for none.
     filter, weights
         Of the measurement and of the setpoint.
     """
@@ -122,6 +124,7 @@ class RunningController:
     control_max: float
     filter: MeasurementFilter = NO_FILTER
     weights: SetpointWeights = WHOLE_SETPOINT
+    control_rate_max: float = math.inf
 
     @property
     def control_range(self) -> float:
@@ -146,12 +149,14 @@ def read_running_controller(client: ControllerClient) -> RunningController:
     InputError
         If it does not answer, or is in manual mode.
     """
-    *gains, sample_time, low, high, mode = client.get(*GAINS, "sample_time", "control_min", "control_max", "mode")
+    *gains, sample_time, low, high, rate, mode = client.get(
+        *GAINS, "sample_time", "control_min", "control_max", "control_rate_max", "mode"
+    )
     order, time, proportional, derivative = client.get(*FILTER, *WEIGHTS)
     if mode != "auto":
         raise InputError(f"mode = {mode!r} of the controller; allowed: auto, since the loop stays closed")
     slow, weights = MeasurementFilter(order, time), SetpointWeights(proportional, derivative)
-    return RunningController(Fopid(*gains), sample_time, low, high, slow, weights)
+    return RunningController(Fopid(*gains), sample_time, low, high, slow, weights, rate)
 
 
 class GainUpdate:
@@ -180,8 +185,8 @@ class GainUpdate:
         self._trial: RunningDesign | None = None
 
     def design(
-        self, found: IdentificationResult, noise: float = 0.0, control_peak: float = math.inf, *,
-        every: bool = False, record: Record | None = None,
+        self, found: IdentificationResult, noise: float = 0.0, control_peak: float = math.inf,
+        control_rate: float = math.inf, *, every: bool = False, record: Record | None = None,
     ) -> Outcome:  # fmt: skip
         """Gains for what was learnt that beat the running ones on it, verified on all that the record leaves possible.
 
@@ -192,6 +197,8 @@ class GainUpdate:
             Standard deviation of the measurement's noise, where it was measured.
         control_peak : float
             How far a unit step of the setpoint may take the control; infinite where no limit says.
+        control_rate : float
+            How fast it may [1/s]; infinite where no limit says.
         every : bool
             Whether one of each structure and rule is made, for a person to choose from.
         record : Record, optional
@@ -210,7 +217,7 @@ class GainUpdate:
             tell(doubt) if doubt else None
         movement = self._criteria.noise_share * self._controller.control_range
         now = self._controller
-        running = RunningGains(now.gains, noise, movement, control_peak, now.filter, now.weights)
+        running = RunningGains(now.gains, noise, movement, control_peak, control_rate, now.filter, now.weights)
         improved = improve(
             found, wanted, limits, running, self._criteria.compare,
             lambda tuning: self._refused(tuning) or contradicted(tuning.controller, tuning.filter),

@@ -23,7 +23,7 @@ that moves the control through its whole range), that share of the setpoint's mo
 LEAST_MOVE_SHARE = 0.005
 """Of the allowed deviation, that counts as noise where there is less: simulated sensors have none."""
 SMALL_STEP = 0.25
-"""Of the setpoint, as a share of the allowed deviation, that is not to take the control to a limit."""
+"""Of the setpoint, as a share of the allowed deviation, that is not to take the control to a limit or past its rate."""
 
 
 @dataclass
@@ -103,6 +103,11 @@ class LoopBaseline:
         controller = self.controller
         room = min(controller.control_max - self.control, self.control - controller.control_min)
         return max(room, 0.0) / (SMALL_STEP * self.deviation_max) if room > 0.0 else math.inf
+
+    @property
+    def control_rate(self) -> float:
+        """How fast such a step may move the control for each unit of it, by the controller's limit on that [1/s]."""
+        return self.controller.control_rate_max / (SMALL_STEP * self.deviation_max)
 
     @property
     def at_steady_state(self) -> bool:
