@@ -260,7 +260,7 @@ def _promising(
     if fit and usual.noise_rms_max is not None and not usual.bounds:
         best = min(fit, key=lambda one: one.score)
         for share in QUIETER:
-            looked_at(replace(best.wanted, noise_rms_max=share * best.worth.noise_gain))
+            looked_at(replace(best.wanted, noise_rms_max=share * best.worth.noise_gain * judge.whiter))
     for rule in RULES:
         looked_at(replace(request, method="rule", rule=rule))
     return sorted(found, key=lambda one: (bool(one.refusal), one.score))
@@ -303,7 +303,7 @@ def _box(identified: IdentificationResult, judge: LoopJudge) -> dict[str, tuple[
 
 def _with_noise_bound(request: TuningRequest, judge: LoopJudge) -> TuningRequest:
     """The request with the judge's bound on the noise gain: for white noise whose variance at the ticks is 1."""
-    most = judge.noise_gain_aim
+    most = judge.noise_gain_aim * judge.whiter
     if math.isinf(most):
         return request
     horizon = request.horizon or _horizon(as_held(judge.process, request.sample_time), most)

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from fopid_core.design.defaults import process_gain
+from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
 from fopid_core.design.loop_worth import LoopWorth, loop_worth, noise_gain
 from fopid_core.design.robust_verification import RobustTuning
 from fopid_core.design.specification import TuningRequest, TuningResult
@@ -50,6 +51,8 @@ class RunningGains:
         is allowed in any case.
     filter, weights
         Of the measurement and of the setpoint, that run with the gains.
+    spectrum : NoiseSpectrum or None
+        Of that noise; None where it may be white.
     """
 
     gains: Fopid
@@ -59,6 +62,7 @@ class RunningGains:
     control_rate: float = math.inf
     filter: MeasurementFilter = NO_FILTER
     weights: SetpointWeights = WHOLE_SETPOINT
+    spectrum: NoiseSpectrum | None = None
 
 
 class LoopJudge:
@@ -81,7 +85,10 @@ class LoopJudge:
         self.best: tuple[float, RobustTuning, TuningRequest] | None = None
         self._runs = Loop(process, running.gains, running.filter, running.weights)
         self._horizon = default_horizon(self._runs) if stability(self._runs).stable else None
-        old = noise_gain(self._runs, sample_time) if self._horizon else 0.0
+        old = noise_gain(self._runs, sample_time, running.spectrum) if self._horizon else 0.0
+        self.whiter = noise_gain(self._runs, sample_time) / old if running.spectrum and old else 1.0
+        """How much more white noise would move the control of what runs: about so much more it may by a design that
+        is made for white noise."""
         allowed = running.control_movement / running.noise if running.noise > 0.0 else math.inf
         self.noise_gain_max, self._quietest = max(allowed, old, _LEAST), max(old, _LEAST)
         self.textbook: LoopWorth | None = None
@@ -92,9 +99,10 @@ class LoopJudge:
         """Over the time in which what runs settles; each loop is looked at once."""
         if loop not in self._judged:
             horizon = self._horizon or default_horizon(loop)
-            worth = loop_worth(loop, self._sample_time, horizon)
+            worth = loop_worth(loop, self._sample_time, horizon, self.running.spectrum)
             if math.isinf(worth.load) and math.isfinite(worth.ms):  # unknown so long after the step
-                worth = loop_worth(loop, self._sample_time, min(horizon, default_horizon(loop)))
+                shorter = min(horizon, default_horizon(loop))
+                worth = loop_worth(loop, self._sample_time, shorter, self.running.spectrum)
             self._judged[loop] = worth
         return self._judged[loop]
 

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
 from fopid_core.design.sampled_loop import sampled_controller, sampled_process
 from fopid_core.errors import InputError
+from fopid_core.model.arrays import Floats
 from fopid_core.model.indices import indices
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
@@ -31,7 +33,8 @@ class LoopWorth:
     ms : float
         max |S|.
     noise_gain : float
-        Standard deviation of the control over that of white noise of the measurement, at the ticks.
+        Standard deviation of the control over that of the measurement's noise, which is white at the ticks if nobody
+        knows better.
     """
 
     setpoint: float
@@ -46,8 +49,8 @@ class LoopWorth:
         )
 
 
-def loop_worth(loop: Loop, sample_time: float, horizon: float) -> LoopWorth:
-    """Judge a loop whose controller ticks every ``sample_time`` [s] over a horizon [s].
+def loop_worth(loop: Loop, sample_time: float, horizon: float, spectrum: NoiseSpectrum | None = None) -> LoopWorth:
+    """Judge a loop whose controller ticks every ``sample_time`` [s] over a horizon [s], in noise of a spectrum.
 
     Examples
     --------
@@ -66,11 +69,13 @@ def loop_worth(loop: Loop, sample_time: float, horizon: float) -> LoopWorth:
             errors.append(indices(response.time, response.error).iae)
         except InputError:  # near the border of stability the response is not known
             errors.append(math.inf)
-    return LoopWorth(errors[0], errors[1], margins(loop).ms, noise_gain(loop, sample_time))
+    return LoopWorth(errors[0], errors[1], margins(loop).ms, noise_gain(loop, sample_time, spectrum))
 
 
-def noise_gain(loop: Loop, sample_time: float) -> float:
-    """Root mean square of |C F S| of the sampled loop over all frequencies up to the Nyquist frequency.
+def noise_gain(loop: Loop, sample_time: float, spectrum: NoiseSpectrum | None = None) -> float:
+    """Root mean square of |C F S| of the sampled loop, over all frequencies up to the Nyquist frequency.
+
+    With a spectrum over those of the noise: the standard deviation of the control over the noise's in any case.
 
     Examples
     --------
@@ -79,9 +84,17 @@ def noise_gain(loop: Loop, sample_time: float) -> float:
     >>> round(noise_gain(Loop(Process.parse("0.001/(s+1)"), Fopid(kp=2.0)), 0.01), 3)
     2.0
     """
+    seen = spectrum.angles(sample_time) if spectrum else None
+    if spectrum and seen is not None:
+        return math.sqrt(float(np.asarray(spectrum.share) @ _control_from_noise(loop, sample_time, seen)))
     theta = np.union1d(np.geomspace(1e-6, math.pi, _POINTS), np.linspace(0.0, math.pi, _POINTS + 1)[1:])
-    settings = as_designed(loop.controller, sample_time, loop.filter, loop.weights)
-    controller = sampled_controller(FopidController(settings), theta)
-    gain = np.abs(controller / (1.0 + controller * sampled_process(loop.process, sample_time, theta))) ** 2
+    gain = _control_from_noise(loop, sample_time, theta)
     area = float(np.sum(0.5 * (gain[1:] + gain[:-1]) * np.diff(theta)))
     return math.sqrt(area / math.pi)
+
+
+def _control_from_noise(loop: Loop, sample_time: float, theta: Floats) -> Floats:
+    """|C F S|^2 of the sampled loop, at frequencies [rad]."""
+    settings = as_designed(loop.controller, sample_time, loop.filter, loop.weights)
+    controller = sampled_controller(FopidController(settings), theta)
+    return np.asarray(np.abs(controller / (1.0 + controller * sampled_process(loop.process, sample_time, theta))) ** 2)

@@ -12,6 +12,7 @@ import numpy as np
 
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.noise import SensorNoise, sensor_noise
+from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
 from fopid_core.design.identification.record import Record
 from fopid_core.design.loop_worth import noise_gain
 from fopid_core.design.response_verification import held_to_record, no_objection
@@ -50,6 +51,8 @@ class RecordedBounds:
         What the limits leave for a unit step of the setpoint, so that the largest step of the record stays within.
     told : str
         Where all that is from, for a person.
+    spectrum : NoiseSpectrum or None
+        Of the noise; None where it may be white.
     """
 
     sample_time: float
@@ -59,6 +62,7 @@ class RecordedBounds:
     u_max: float | None
     rate_max: float | None
     told: str
+    spectrum: NoiseSpectrum | None = None
 
     def options(self, method: str) -> dict[str, Any]:
         """They as fields of a request for this method."""
@@ -130,6 +134,9 @@ def recorded_bounds(
     else:
         heard = "noise not known, since the measurement nowhere rests"
     parts = [f"sample time {sample_time:.4g} s", heard]
+    if noise.spectrum:
+        often = noise.spectrum.frequency[int(np.argmax(noise.spectrum.share))]
+        parts.append(f"not white, most of it about {often:.3g} rad/s")
     if noise.step:
         parts.append(f"quantised in steps of {noise.step:.3g}")
     room = record.control_max - record.control_min
@@ -146,7 +153,7 @@ def recorded_bounds(
     if u_max is not None:
         parts.append(f"limits leave a control peak of {u_max:.4g} to a unit step, for steps of {step:.3g}")
     density = level**2 * record.sample_time
-    return RecordedBounds(sample_time, level, density, allowed, u_max, rate_max, ", ".join(parts))
+    return RecordedBounds(sample_time, level, density, allowed, u_max, rate_max, ", ".join(parts), noise.spectrum)
 
 
 def _largest_step(record: Record) -> float:
@@ -271,4 +278,4 @@ def control_noise(process: Process, tuning: TuningResult | None, bounds: Recorde
     if tuning is None or tuning.controller is None or not bounds.noise:
         return 0.0
     loop = Loop(process, tuning.controller, tuning.filter, tuning.weights)
-    return bounds.noise * noise_gain(loop, bounds.sample_time)
+    return bounds.noise * noise_gain(loop, bounds.sample_time, bounds.spectrum)

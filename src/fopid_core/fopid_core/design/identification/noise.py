@@ -6,7 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import detrend
 
+from fopid_core.design.identification.noise_spectrum import NoiseSpectrum, noise_spectrum
 from fopid_core.design.identification.record import Record
 from fopid_core.model.arrays import Floats
 
@@ -15,6 +17,8 @@ _BLOCKS, _SHORTEST, _LONGEST = 20, 16, 200
 _STILL = 1.5
 """A block rests when it spreads by no more than so many times its noise."""
 _WHOLE = 1e-3
+_FEWEST, _LEVEL = 100, 1.2
+"""So many samples show a spectrum; they rest where a line through them takes no more of their spread than that."""
 
 
 @dataclass(frozen=True)
@@ -27,10 +31,13 @@ class SensorNoise:
         Standard deviation, quantisation included; NaN where the measurement nowhere rests.
     step : float
         In which it is quantised; 0 where nothing speaks for one.
+    spectrum : NoiseSpectrum or None
+        None where it may be white.
     """
 
     level: float
     step: float
+    spectrum: NoiseSpectrum | None = None
 
     @property
     def at_rest(self) -> bool:
@@ -41,6 +48,8 @@ class SensorNoise:
 def sensor_noise(record: Record) -> SensorNoise:
     """The noise in those stretches of a record in which the measurement does nothing else.
 
+    Where it rests until somebody moves it, and what it does there is not white, that stretch alone counts.
+
     Examples
     --------
     >>> time = np.arange(0.0, 60.0, 0.1)
@@ -50,15 +59,42 @@ def sensor_noise(record: Record) -> SensorNoise:
     >>> round(found.level, 3), found.step
     (0.01, 0.0)
     """
-    measured = record.measurement
+    measured, step = record.measurement, resolution(record.measurement)
+    rest = _before_the_first_move(record)
+    coloured = noise_at_rest(rest, record.sample_time) if rest is not None else None
+    if coloured is not None:
+        return coloured
     each = min(max(measured.size // _BLOCKS, _SHORTEST), _LONGEST)
     blocks = measured[: measured.size // each * each].reshape(-1, each)
     levels = white_level(blocks)
     still = np.std(blocks, axis=1) <= _STILL * levels
-    step = resolution(measured)
     if not still.any():
         return SensorNoise(math.nan, step)
     return SensorNoise(max(float(np.sqrt(np.mean(levels[still] ** 2))), step / math.sqrt(12.0)), step)
+
+
+def noise_at_rest(rest: Floats, sample_time: float) -> SensorNoise | None:
+    """The noise of a measurement that does nothing else, shape (n,), where it is not white; else None.
+
+    Few samples tell no spectrum, nor do those that are mostly rounded.
+    """
+    if rest.size < _FEWEST:
+        return None
+    level, step = float(np.std(detrend(rest))), resolution(rest)
+    spectrum = noise_spectrum(rest, sample_time) if level > step else None
+    return SensorNoise(level, step, spectrum) if spectrum else None
+
+
+def _before_the_first_move(record: Record) -> Floats | None:
+    """The measurement until something is moved that answers no noise, if it rests there; None where it does not."""
+    asked = [each for each in (record.setpoint, record.excitation) if each is not None and np.ptp(each)]
+    signals = asked or [record.control]
+    first = min(int(np.argmax(signal != signal[0])) or signal.size for signal in signals)
+    rest = record.measurement[: first + 1]  # what is moved at an instant is felt after it
+    if not (_FEWEST <= rest.size < record.time.size and record.is_regular):
+        return None
+    straight = detrend(rest)
+    return rest if np.std(rest) <= _LEVEL * np.std(straight) else None
 
 
 def white_level(values: Floats) -> Floats:

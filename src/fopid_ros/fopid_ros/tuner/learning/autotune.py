@@ -147,7 +147,7 @@ class Autotuner:
         loop = self._experiment.loop
         every = self._request.propose_only
         return self._gain_update.design(
-            found, loop.noise, loop.control_peak, loop.control_rate, every=every, record=record
+            found, loop.sensor, loop.control_peak, loop.control_rate, every=every, record=record
         )
 
     def _settle(self) -> None:

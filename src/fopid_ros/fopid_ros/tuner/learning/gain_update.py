@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from fopid_core.design.acceptance import rejection_reason
 from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel
+from fopid_core.design.identification.noise import SensorNoise
 from fopid_core.design.identification.record import Record
 from fopid_core.design.improvement import Candidate, improve
 from fopid_core.design.loop_judge import RunningGains
@@ -27,6 +28,7 @@ TICKS_MIN = 30
 """What lasts fewer ticks tells nothing."""
 MONITORED_RESPONSES = 10.0
 """How long new gains are watched, in response times."""
+SILENT = SensorNoise(0.0, 0.0)
 PROOF_SECONDS = 30.0
 """What a proof for a region may take where there is no timeout."""
 RENEW_PERIOD = 0.5
@@ -185,7 +187,7 @@ class GainUpdate:
         self._trial: RunningDesign | None = None
 
     def design(
-        self, found: IdentificationResult, noise: float = 0.0, control_peak: float = math.inf,
+        self, found: IdentificationResult, sensor: SensorNoise = SILENT, control_peak: float = math.inf,
         control_rate: float = math.inf, *, every: bool = False, record: Record | None = None,
     ) -> Outcome:  # fmt: skip
         """Gains for what was learnt that beat the running ones on it, verified on all that the record leaves possible.
@@ -193,8 +195,8 @@ class GainUpdate:
         Parameters
         ----------
         found : IdentificationResult
-        noise : float
-            Standard deviation of the measurement's noise, where it was measured.
+        sensor : SensorNoise
+            Of the measurement, where it was measured.
         control_peak : float
             How far a unit step of the setpoint may take the control; infinite where no limit says.
         control_rate : float
@@ -217,7 +219,9 @@ class GainUpdate:
             tell(doubt) if doubt else None
         movement = self._criteria.noise_share * self._controller.control_range
         now = self._controller
-        running = RunningGains(now.gains, noise, movement, control_peak, control_rate, now.filter, now.weights)
+        running = RunningGains(
+            now.gains, sensor.level, movement, control_peak, control_rate, now.filter, now.weights, sensor.spectrum
+        )
         improved = improve(
             found, wanted, limits, running, self._criteria.compare,
             lambda tuning: self._refused(tuning) or contradicted(tuning.controller, tuning.filter),

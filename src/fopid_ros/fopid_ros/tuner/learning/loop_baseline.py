@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fopid_core.design.identification.noise import resolution, white_level
+from fopid_core.design.identification.noise import SensorNoise, noise_at_rest, resolution, white_level
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
@@ -44,6 +44,8 @@ class LoopBaseline:
         By how much that changes from the first half of the time looked at to the second.
     swing : float
         How far the measurement, noise averaged out, goes to either side.
+    coloured : SensorNoise or None
+        That noise with its spectrum, where it is not white.
     figures : LoopPerformance
     """
 
@@ -55,6 +57,7 @@ class LoopBaseline:
     offset: float = 0.0
     drift: float = 0.0
     swing: float = 0.0
+    coloured: SensorNoise | None = None
     figures: LoopPerformance = field(default_factory=lambda: PerformanceMeter(1.0).figures)
 
     def measure(self, ticks: Sequence[Tick], deviation_max: float, travel: float) -> None:
@@ -79,6 +82,7 @@ class LoopBaseline:
         self.drift = float(second.mean() - first.mean())
         self.swing = 0.5 * float(np.ptp([part.mean() for part in np.array_split(measured, 10)]))
         self.noise = max(float(white_level(measured)), resolution(measured) / math.sqrt(12.0))
+        self.coloured = noise_at_rest(measured, self.controller.sample_time)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
     def _chosen_deviation(self, travel: float) -> float:
@@ -91,6 +95,11 @@ class LoopBaseline:
             scale = "neither noise nor limits of the control nor a move of the setpoint give a scale"
             raise InputError(f"deviation_max = 0; allowed: above 0, since {scale}")
         return chosen
+
+    @property
+    def sensor(self) -> SensorNoise:
+        """What a design is to expect of the measurement's noise."""
+        return self.coloured or SensorNoise(self.noise, 0.0)
 
     @property
     def least_move(self) -> float:
