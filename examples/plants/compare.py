@@ -13,13 +13,14 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
 from best_known import FILE, settings_of
 from foreign_plants.gallery import GALLERY
-from judging import Judgement, judge
+from judging import Judgements, judge
 from step_test import SLOWER, Pid, amigo, simc, step_test
 from virtual_loop import TooLongError, VirtualLoop
 
@@ -32,8 +33,6 @@ from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria
 
-TIE = 1.02
-"""Figures so close to each other are one: they come from one run of a noisy plant."""
 HEAD = (
     "| plant | gains | IAE setpoint | IAE load | overshoot % | settling s | total variation | tuning took s | safe |\n"
     "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | --- |"
@@ -48,7 +47,7 @@ class Row:
     Attributes
     ----------
     label : str
-    seen : Judgement
+    seen : Judgements
     lasted : float
         How long the tuning took [s]; NaN where there was none.
     note : str
@@ -56,19 +55,28 @@ class Row:
     """
 
     label: str
-    seen: Judgement
+    seen: Judgements
     lasted: float = math.nan
     note: str = ""
 
     def line(self, name: str) -> str:
         """Of the table."""
-        seen = self.seen
-        numbers = (seen.setpoint, seen.load, seen.overshoot_pct, seen.settling, seen.variation, self.lasted)
-        told = " | ".join(f"{value:.3g}" if math.isfinite(value) else "-" for value in numbers)
-        return f"| {name} | {self.label} | {told} | {'yes' if seen.safe else '**no**'} |"
+        told = " | ".join(
+            self._told(figure) for figure in ("setpoint", "load", "overshoot_pct", "settling", "variation")
+        )
+        lasted = f"{self.lasted:.3g}" if math.isfinite(self.lasted) else "-"
+        return f"| {name} | {self.label} | {told} | {lasted} | {'yes' if self.seen.safe else '**no**'} |"
+
+    def _told(self, figure: str) -> str:
+        """The mean over the runs, with what it changes by from run to run where it is one of those that decide."""
+        mean = self.seen.settling if figure == "settling" else self.seen.mean(figure)
+        if not math.isfinite(mean):
+            return "-"
+        scatter = f" ± {self.seen.scatter(figure):.2g}" if figure in ("setpoint", "load", "variation") else ""
+        return f"{mean:.3g}{scatter}"
 
 
-def rows(name: str) -> Iterator[Row]:
+def rows(name: str, seed: int = 1) -> Iterator[Row]:
     """All that is compared on a plant but the best known, autotuning last."""
     exhibit = GALLERY[name]
     yield Row("start", judge(name, {}))
@@ -77,7 +85,7 @@ def rows(name: str) -> Iterator[Row]:
         yield from _simc(name, rule)
     for label, pid in amigo(test, exhibit.sample_time).items():
         yield Row(label, _judged(name, pid, test.safe), test.lasted)
-    yield autotuned(name)
+    yield autotuned(name, seed)
 
 
 def best_known(name: str) -> Iterator[Row]:
@@ -100,9 +108,13 @@ def _simc(name: str, rule: str) -> Iterator[Row]:
     yield Row(rule if slower == 1.0 else f"{rule}, {slower:g} delays", seen, test.lasted)
 
 
-def _judged(name: str, pid: Pid, safe: bool) -> Judgement:
-    seen = judge(name, {"gains": Fopid(pid.kp, pid.ki, pid.kd), "derivative_filter_time": pid.filter_time})
-    return Judgement(**{**vars(seen), "safe": seen.safe and safe})
+def _judged(name: str, pid: Pid, safe: bool) -> Judgements:
+    return _also(judge(name, {"gains": Fopid(pid.kp, pid.ki, pid.kd), "derivative_filter_time": pid.filter_time}), safe)
+
+
+def _also(seen: Judgements, safe: bool) -> Judgements:
+    """Safe only if what came before was safe as well."""
+    return Judgements(tuple(replace(run, safe=run.safe and safe) for run in seen.runs))
 
 
 def autotuned(name: str, seed: int = 1) -> Row:
@@ -121,9 +133,9 @@ def autotuned(name: str, seed: int = 1) -> Row:
         success, message = False, str(error)
     low, high = exhibit.unsafe
     seen = judge(name, loop.tuned_settings())
-    safe = seen.safe and low < min(loop.trace.true) and max(loop.trace.true) < high
+    safe = low < min(loop.trace.true) and max(loop.trace.true) < high
     return Row(
-        "autotune" if success else "autotune (kept the start)", Judgement(**{**vars(seen), "safe": safe}),
+        "autotune" if success else "autotune (kept the start)", _also(seen, safe),
         loop.time - began, f"{loop.gains()}: {message}" if success else message,
     )  # fmt: skip
 
@@ -133,28 +145,34 @@ def verdict(compared: list[Row]) -> tuple[str, bool]:
     start = compared[0]
     ours = next(row for row in compared if row.label.startswith("autotune"))
     rules = [row for row in compared if row.label.startswith(("SIMC", "AMIGO")) and row.seen.calm]
-    not_worse = ours.seen.load <= TIE * start.seen.load and ours.seen.setpoint <= TIE * start.seen.setpoint
-    told = "" if not_worse else "; worse than the start"
+    worse = [figure for figure in ("setpoint", "load") if ours.seen.exceeds(start.seen, figure)]
+    told = f"; worse than the start: {' and '.join(worse)}" if worse else ""
+    told += "" if ours.seen.safe else "; unsafe"
     field = [row for row in compared if "known" not in row.label and row.seen.calm]
     winner = min(field, key=lambda row: row.seen.load, default=start).label
     if not rules:
-        return f"{winner} (no rule holds the plant){told}", not_worse
+        return f"{winner} (no rule holds the plant){told}", not told
     best = min(rules, key=lambda row: row.seen.load)
-    level = ours.seen.load <= TIE * best.seen.load
-    calm = [row for row in rules if row.seen.variation <= TIE * ours.seen.variation]
-    quiet = min((row.seen.load for row in calm), default=math.inf)
-    movement = ours.seen.variation / best.seen.variation
-    beside = f"load IAE {ours.seen.load / best.seen.load:.2f} and movement {movement:.2f}"
+    beside = ", ".join(_beside(ours.seen, best.seen, figure) for figure in ("load", "variation"))
     said = f"{winner}; autotune beside {best.label}: {beside}"
-    if not level and ours.seen.load <= TIE * quiet and "kept" not in ours.label:
-        said += ", the best at no more movement"
-    return said + told, not_worse and level and ours.seen.variation <= TIE * best.seen.variation
+    more_load, more_movement = (ours.seen.exceeds(best.seen, figure) for figure in ("load", "variation"))
+    quieter = [row for row in rules if not row.seen.exceeds(ours.seen, "variation")]
+    if more_load and not any(ours.seen.exceeds(row.seen, "load") for row in quieter) and "kept" not in ours.label:
+        said += "; no rule that moves as little leaves less"
+    return said + told, not (told or more_load or more_movement)
 
 
-def compared(name: str) -> tuple[str, list[Row], float]:
+def _beside(ours: Judgements, other: Judgements, figure: str) -> str:
+    """A figure as a ratio; a tie is called one."""
+    ratio = f"{figure} {ours.mean(figure) / other.mean(figure):.2f}"
+    apart = ours.exceeds(other, figure) or other.exceeds(ours, figure)
+    return ratio if apart else f"{ratio} (a tie)"
+
+
+def compared(name: str, seed: int = 1) -> tuple[str, list[Row], float]:
     """A plant's rows, and the processor time they took [s]."""
     began = time.process_time()
-    return name, list(rows(name)), time.process_time() - began
+    return name, list(rows(name, seed)), time.process_time() - began
 
 
 def table(found: Mapping[str, list[Row]]) -> str:
@@ -178,11 +196,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("plants", nargs="*", default=list(GALLERY))
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--seed", type=int, default=1, help="of the sensor's noise while autotuning")
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     found: dict[str, Any] = {}
     with ProcessPoolExecutor(given.workers) as pool:
-        for name, seen, took in pool.map(compared, given.plants):
+        for name, seen, took in pool.map(compared, given.plants, repeat(given.seed)):
             found[name] = seen
             print(
                 *(row.line(name) for row in seen),

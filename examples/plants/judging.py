@@ -1,9 +1,13 @@
-"""What a controller does on a plant: a step of the setpoint and one of the load, judged by the true output."""
+"""What a controller does on a plant: a step of the setpoint and one of the load, judged by the true output.
+
+Noise of the sensor moves the control, and so the plant: one run tells two good controllers apart no better than dice
+do. So gains are judged by the same sixteen runs, which differ by the sensor's noise alone, run beside run.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +15,10 @@ import numpy as np
 from foreign_plants.gallery import GALLERY
 from virtual_loop import VirtualLoop
 
-SEED = 11
-"""Of the sensor's noise, not that of any tuning."""
+SEEDS = tuple(range(11, 27))
+"""Of the sensor's noise, the same for all that is compared; not that of any tuning."""
+STANDARD_ERRORS = 2.0
+"""So many of them is a mean difference of two controllers over the same runs at least, where it is one."""
 SETTLED_SHARE, BEFORE = 0.05, 0.3
 """What of the setpoint's move counts as settled; and how long the loop runs before it, in horizons."""
 CALM_SHARE = 0.05
@@ -21,7 +27,7 @@ CALM_SHARE = 0.05
 
 @dataclass(frozen=True)
 class Judgement:
-    """What was seen.
+    """What was seen in one run.
 
     Attributes
     ----------
@@ -51,10 +57,72 @@ class Judgement:
         return self.safe and self.restless < CALM_SHARE and math.isfinite(self.settling)
 
 
-def judge(name: str, settings: Mapping[str, Any]) -> Judgement:
-    """Run the plant of that name with settings of the controller other than its own."""
+@dataclass(frozen=True)
+class Judgements:
+    """What was seen in several runs, one of each seed; figures without further words are means over them.
+
+    Attributes
+    ----------
+    runs : tuple of Judgement
+    """
+
+    runs: tuple[Judgement, ...]
+
+    def of(self, figure: str) -> np.ndarray:
+        """A figure in each run."""
+        return np.array([getattr(run, figure) for run in self.runs])
+
+    def mean(self, figure: str) -> float:
+        """Over the runs."""
+        return float(self.of(figure).mean())
+
+    def scatter(self, figure: str) -> float:
+        """Standard deviation of a figure from run to run."""
+        return float(np.std(self.of(figure), ddof=1)) if len(self.runs) > 1 else 0.0
+
+    @property
+    def load(self) -> float:
+        """Integral of the absolute error after the load's step."""
+        return self.mean("load")
+
+    @property
+    def variation(self) -> float:
+        """Total variation of the control."""
+        return self.mean("variation")
+
+    @property
+    def safe(self) -> bool:
+        """In every run."""
+        return all(run.safe for run in self.runs)
+
+    @property
+    def settling(self) -> float:
+        """The median, since a run may not settle [s]."""
+        return float(np.median(self.of("settling")))
+
+    @property
+    def calm(self) -> bool:
+        """Whether it is safe in every run, and comes to rest in most."""
+        return self.safe and 2 * sum(run.calm for run in self.runs) > len(self.runs)
+
+    def exceeds(self, other: Judgements, figure: str) -> bool:
+        """Whether a figure is larger than another controller's, by more than noise explains.
+
+        The mean difference over the same runs is beyond two of its standard errors.
+        """
+        more = self.of(figure) - other.of(figure)
+        error = float(np.std(more, ddof=1)) / math.sqrt(more.size) if more.size > 1 else 0.0
+        return not more.mean() <= STANDARD_ERRORS * error  # what is not a number is no tie
+
+
+def judge(name: str, settings: Mapping[str, Any], seeds: Sequence[int] = SEEDS) -> Judgements:
+    """Run the plant of that name with settings of the controller other than its own, once with each noise."""
+    return Judgements(tuple(_run(name, settings, seed) for seed in seeds))
+
+
+def _run(name: str, settings: Mapping[str, Any], seed: int) -> Judgement:
     exhibit = GALLERY[name]
-    loop = VirtualLoop(exhibit, SEED)
+    loop = VirtualLoop(exhibit, seed)
     loop.set(**settings)
     loop.run(BEFORE * exhibit.horizon)
     loop.setpoint += exhibit.move

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from compare import Row, verdict
 from foreign_plants.gallery import GALLERY
-from judging import Judgement, judge
+from judging import SEEDS, Judgement, Judgements, judge
 from step_test import Lags, StepTest, _read, amigo, simc, step_test
 
 SEEN = Judgement(1.0, 1.0, 5.0, 1.0, 10.0, 0.001, True)
@@ -41,19 +41,49 @@ def test_the_rules_are_as_published() -> None:
     assert (quick_pid.kp, quick_pid.kp / quick_pid.ki) == pytest.approx((0.5 * (0.2 + 3.6), 6.8 / 1.8))
 
 
+def seen(load: float = 1.0, variation: float = 10.0, noise: float = 0.1, own: float = 0.0) -> Judgements:
+    """Four runs, whose load error changes by the noise common to all, and by noise of its own."""
+    common, alone = (-1.0, 1.0, -1.0, 1.0), (1.0, 1.0, -1.0, -1.0)
+    runs = zip(common, alone, strict=True)
+    return Judgements(tuple(replace(SEEN, load=load + noise * a + own * b, variation=variation) for a, b in runs))
+
+
 def test_the_verdict_tells_a_loss_and_a_win() -> None:
-    start, rule = Row("start", SEEN), Row("SIMC PI", replace(SEEN, load=0.5))
-    won = Row("autotune", replace(SEEN, load=0.4))
-    lost = Row("autotune", replace(SEEN, load=0.6))
-    loud = Row("autotune", replace(SEEN, load=0.4, variation=20.0))
-    worse = Row("autotune", replace(SEEN, load=1.2))
+    start, rule = Row("start", seen()), Row("SIMC PI", seen(0.5))
+    won = Row("autotune", seen(0.4))
+    lost = Row("autotune", seen(0.6))
+    loud = Row("autotune", seen(0.4, variation=20.0))
+    worse = Row("autotune", seen(1.2))
     assert [verdict([start, rule, ours])[1] for ours in (won, lost, loud, worse)] == [True, False, False, False]
     assert verdict([start, rule, lost])[0].startswith("SIMC PI")
-    assert "worse than the start" in verdict([start, rule, worse])[0]
+    assert "worse than the start: load" in verdict([start, rule, worse])[0]
+    unsafe = Row("autotune", Judgements((*won.seen.runs[1:], replace(won.seen.runs[0], safe=False))))
+    assert not verdict([start, rule, unsafe])[1]
+    assert seen(math.nan).exceeds(rule.seen, "load"), "what is not known is not met"
+
+
+def test_a_difference_is_one_beyond_its_own_noise_not_beyond_that_of_all_runs() -> None:
+    """0.01 more in every run counts, though runs differ by 0.1; 0.01 more with noise of 0.1 of its own does not."""
+    rule = seen(0.5)
+    assert seen(0.51).exceeds(rule, "load")
+    assert not seen(0.51, own=0.1).exceeds(rule, "load")
+    assert seen(0.71, own=0.1).exceeds(rule, "load")
+    assert (
+        "load 1.02 (a tie)"
+        in verdict([Row("start", seen()), Row("SIMC PI", rule), Row("autotune", seen(0.51, own=0.1))])[0]
+    )
+
+
+def test_a_run_that_does_not_settle_is_no_reason_to_leave_a_rule_out() -> None:
+    restless = replace(SEEN, settling=math.inf)
+    assert Judgements((SEEN, SEEN, restless)).calm
+    assert not Judgements((SEEN, restless, restless)).calm
+    assert not Judgements((SEEN, SEEN, replace(SEEN, safe=False))).calm
 
 
 def test_a_judgement_is_of_the_true_output() -> None:
-    seen = judge("flexible_joint", {})
-    assert seen.calm
-    assert seen.setpoint == pytest.approx(0.72, abs=0.05)
-    assert math.isfinite(seen.settling)
+    of_start = judge("flexible_joint", {}, SEEDS[:3])
+    assert of_start.calm
+    assert of_start.mean("setpoint") == pytest.approx(0.72, abs=0.05)
+    assert math.isfinite(of_start.settling)
+    assert 0.0 < of_start.scatter("load") < 0.1 * of_start.load
