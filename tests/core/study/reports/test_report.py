@@ -94,7 +94,9 @@ def test_the_page_says_what_was_run_and_how_it_went(outline: Outline) -> None:
 def test_each_place_for_a_figure_has_its_figure(outline: Outline, bag: Path) -> None:
     places = [a["data-figure"] for _, a in outline.elements if "data-figure" in a]
     figures = re.search(r'id="figures">(.*?)</script>', render([read_bag(bag)]), re.DOTALL)[1]
-    assert len(places) == len(set(places)) == 1 + 1 + 3 * 4  # signals, steps, and four for each of three sets of gains
+    assert (
+        len(places) == len(set(places)) == 1 + 1 + 3 * 4 + 1
+    )  # signals, steps, four for each of three sets of gains, process
     assert all(f'"{place}":' in figures for place in places)
     assert all(a.get("aria-label") for _, a in outline.elements if "data-figure" in a)
 

@@ -36,7 +36,7 @@ def test_everything_is_drawn_within_the_page_without_complaint_or_request(folder
     signals, *others = seen["plots"]
     # setpoint, measurement, control and where it is at a limit, disturbance; three panels and the time
     assert (signals["curves"], signals["titles"]) == (5, 4)
-    assert len(others) == 13
+    assert len(others) == 14
     assert all(plot["curves"] >= 1 and plot["titles"] >= 2 for plot in others)
     assert all(plot["width"] == pytest.approx(plot["place"], abs=1.0) for plot in seen["plots"])
     assert seen["ink"] == "rgb(28, 33, 38)"

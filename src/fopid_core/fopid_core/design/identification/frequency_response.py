@@ -92,7 +92,11 @@ class FrequencyResponse:
 
     def model(self, process: Process) -> Complexes:
         """The same of a model."""
-        return sampled_process(process, self.sample_time, self.frequency * self.sample_time)
+        return self.at(process, self.frequency)
+
+    def at(self, process: Process, frequency: Floats) -> Complexes:
+        """The same of a model, at other frequencies [rad/s]."""
+        return sampled_process(process, self.sample_time, frequency * self.sample_time)
 
     def outside(self, process: Process, beyond: float = 0.0) -> Booleans:
         """Where the response is known and a model leaves its region, by more than a share of the response."""

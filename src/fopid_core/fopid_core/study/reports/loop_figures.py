@@ -56,11 +56,11 @@ def _frequencies(found: Margins) -> Floats:
 def bode_figure(loop: Loop, found: Margins, w: Floats) -> Figure:
     """Magnitude and phase of L(jw) with crossover, phase margin and gain margin."""
     response = loop(1j * w)
-    magnitude, phase = _db(response), np.degrees(np.unwrap(np.angle(response)))
+    magnitude, phase = decibels(response), np.degrees(np.unwrap(np.angle(response)))
     data = [line(w, magnitude, "|L|", BLUE), line(w, phase, "arg L", BLUE, yaxis="y2")]
     marks, notes = _margin_marks(found, w, phase)
     layout = {
-        "xaxis": _frequency_axis(anchor="y2"),
+        "xaxis": frequency_axis(anchor="y2"),
         "yaxis": {"title": {"text": "|L| [dB]"}, "domain": [0.54, 1.0], "range": _range(magnitude, -60.0, 60.0)},
         "yaxis2": {
             "title": {"text": "arg L [°]"},
@@ -95,9 +95,9 @@ def _beside(frequency: float, y: float, text: str, **more: Any) -> Figure:
 
 def sensitivity_figure(loop: Loop, found: Margins, w: Floats) -> Figure:
     """Magnitude of S and T with their peaks."""
-    sensitivity, complementary = _db(loop.sensitivity(1j * w)), _db(loop.complementary_sensitivity(1j * w))
+    sensitivity, complementary = decibels(loop.sensitivity(1j * w)), decibels(loop.complementary_sensitivity(1j * w))
     layout = {
-        "xaxis": _frequency_axis(),
+        "xaxis": frequency_axis(),
         "yaxis": {
             "title": {"text": "magnitude [dB]"},
             "range": _range(np.append(sensitivity, complementary), -60.0, 20.0),
@@ -160,11 +160,13 @@ def isodamping_figure(loop: Loop, horizon: float, crossover: float) -> Figure:
     return {"data": data, "layout": layout}
 
 
-def _frequency_axis(anchor: str = "y") -> Figure:
+def frequency_axis(anchor: str = "y") -> Figure:
+    """Logarithmic, beneath the panel that is named."""
     return {"title": {"text": "ω [rad/s]"}, "type": "log", "anchor": anchor, "dtick": 1, "exponentformat": "power"}
 
 
-def _db(response: Complexes) -> Floats:
+def decibels(response: Complexes | Floats | float) -> Floats:
+    """The size of a response."""
     return np.asarray(20.0 * np.log10(np.abs(response)), dtype=float)
 
 

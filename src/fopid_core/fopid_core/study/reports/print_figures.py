@@ -108,7 +108,8 @@ def _curve(axes: Axes, trace: Figure) -> None:
     style = trace["line"]
     x, y = ([float("nan") if value is None else value for value in trace[name]] for name in ("x", "y"))
     axes.plot(
-        x, y, color=style["color"], linewidth=_LINE * style["width"], linestyle=_DASHES[style.get("dash", "solid")],
+        x, y, color=style["color"], linewidth=_LINE * style["width"],
+        linestyle="none" if trace["mode"] == "markers" else _DASHES[style.get("dash", "solid")],
         drawstyle="steps-post" if style.get("shape") == "hv" else "default",
         marker="o" if trace["mode"] == "markers" else None, markersize=3,
         label=trace["name"] if trace.get("showlegend", True) else None,

@@ -29,6 +29,7 @@ from fopid_core.study.reports.parts import (
 )
 from fopid_core.study.reports.plotly_parts import Figure
 from fopid_core.study.reports.print_figures import save, save_all
+from fopid_core.study.reports.process_figure import process_figure
 from fopid_core.study.reports.run import Run
 from fopid_core.study.reports.segment_table import number
 from fopid_core.study.reports.segments import Retuning, retunings, segments
@@ -51,6 +52,8 @@ _NO_PROCESS = "The bag does not say which process was controlled: no loop to dra
 
 _MEASURES = """Rise from 10 to 90 %, settling to 2 % of the step of the setpoint. IAE and ITAE from the start of the
 phase. Ms and phase margin with the nominal process."""
+
+_PROCESS = "The process behind its held control: what the run shows without a model, with 95 %"
 
 _ORIGINS = {
     "start": "starting gains",
@@ -155,6 +158,7 @@ def _run(run: Run, name: str, key: str, figures: Figures) -> str:
 {table(segments(run))}
 <p class="quiet">{_MEASURES}</p>
 {_tunings(run, key, figures)}
+{_learnt(run, key, figures)}
 {_what_was_run(run)}"""
 
 
@@ -221,6 +225,15 @@ def _tunings(run: Run, key: str, figures: Figures) -> str:
     return f"<h2>Gains</h2>{unknown}{left_out}" + "\n".join(
         _tuning(run, c, f"{key}-gains{i}", figures) for i, c in shown
     )
+
+
+def _learnt(run: Run, key: str, figures: Figures) -> str:
+    """What the run shows of its process without any model, where it shows enough."""
+    drawn = process_figure(run)
+    if drawn is None:
+        return ""
+    figures[f"{key}-process"] = drawn
+    return f"<h2>Process</h2>{plot(f'{key}-process', _PROCESS)}"
 
 
 def _tuning(run: Run, change: Retuning, key: str, figures: Figures) -> str:
