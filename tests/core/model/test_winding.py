@@ -128,3 +128,109 @@ def test_intervals_that_are_open_after_the_last_halving_leave_it_undecided(monke
     found = of_polynomials([[1.0, 2e-6, 1.0], [1.0, 2.0, 1.0]])
     assert found.decided.tolist() == [False, True]
     assert found.count.tolist() == [-1, 0]
+
+
+Terms = list[tuple[float, float, float]]
+
+
+def certified(terms: Terms, first: float, last: float) -> tuple[bool, float]:
+    """Whether the sum of c s^q exp(-d s), given as (q, d, c), is called certain between two ln w, and the turn told."""
+    orders, delays, coefficients = (np.array(column) for column in zip(*terms, strict=True))
+    family = winding._Family.of(coefficients[None], orders[None], delays)
+    ends = (winding._Points.of(family, np.zeros(1, np.intp), np.array([z])) for z in (first, last))
+    certain, turn = winding._certificate(family, np.zeros(1, np.intp), *ends)
+    return bool(certain[0]), float(turn[0])
+
+
+def true_turn(terms: Terms, first: float, last: float, samples: int = 2001) -> float:
+    """By dense sampling: the angle by which the curve turns between two ln w."""
+    s = 1j * np.exp(np.linspace(first, last, samples))
+    values = np.sum([c * s**q * np.exp(-d * s) for q, d, c in terms], axis=0)
+    steps = np.angle(values[1:] / values[:-1])
+    assert np.max(np.abs(steps)) < 2.0, "too few samples to know the turn"
+    return float(np.sum(steps))
+
+
+def test_what_is_called_certain_turns_as_a_dense_sampling_of_the_curve_does() -> None:
+    rng = np.random.default_rng(12)
+    checked = outweighed = 0
+    for _ in range(800):
+        k = int(rng.integers(2, 6))
+        orders = rng.uniform(0.0, 3.0, k) * (rng.random(k) < 0.8)
+        delays = rng.choice([0.0, 0.1, 1.0, 4.0], k) * (rng.random() < 0.7)
+        orders, delays = orders - orders.min(), delays - delays.min()  # a common power or delay is left out
+        coefficients = rng.normal(size=k) * 10.0 ** rng.uniform(-2.0, 1.0, k)
+        terms = list(zip(orders.tolist(), delays.tolist(), coefficients.tolist(), strict=True))
+        first = rng.uniform(-2.0, 1.5)
+        last = first + 10.0 ** rng.uniform(-2.0, 0.3)
+        certain, turn = certified(terms, first, last)
+        if certain:
+            assert turn == pytest.approx(true_turn(terms, first, last), abs=1e-7), terms
+            checked += 1
+            outweighed += abs(turn) > math.pi
+    assert checked > 200
+    assert outweighed > 3
+
+
+def double_zero(orders: list[float], delays: list[float]) -> Terms:
+    """Coefficients, for five terms, with which the curve comes to zero at w = 1 and turns back there."""
+    q, d = np.array(orders), np.array(delays)
+    values = 1j**q * np.exp(-1j * d)
+    slopes = values * (q - 1j * d)
+    coefficients = np.linalg.svd(np.array([values.real, values.imag, slopes.real, slopes.imag]))[2][-1]
+    return list(zip(orders, delays, coefficients.tolist(), strict=True))
+
+
+@pytest.mark.parametrize("half", [0.3, 0.1, 0.03, 0.01])
+def test_an_interval_in_which_the_curve_touches_zero_is_never_called_certain(half: float) -> None:
+    rng = np.random.default_rng(3)
+    for delays in ([0.0, 0.0, 0.3, 0.3, 0.0], [0.0, 0.1, 0.2, 0.5, 0.0], [0.0, 1.0, 1.0, 2.0, 0.0]):
+        for _ in range(100):
+            terms = double_zero([*rng.uniform(0.0, 3.0, 4).tolist(), 0.0], delays)
+            assert not certified(terms, -half, half)[0], terms
+
+
+@pytest.mark.parametrize("order", [2.0, 6.0])
+def test_the_bound_is_nearly_attained_by_a_double_zero_and_still_is_one(order: float) -> None:
+    # (1 + s^q)^2: from -h to h the chord is sinh(h)^2 from zero, and h^2 exp(2 h) bounds what the curve leaves it by
+    touching = [(0.0, 0.0, 1.0), (order, 0.0, 2.0), (2.0 * order, 0.0, 1.0)]
+    for half in (0.1, 0.01, 0.001):
+        assert not certified(touching, -half / order, half / order)[0]
+        kept_away = [(0.0, 0.0, 1.0), (order, 0.0, 2.0 - 0.5 * half**2), (2.0 * order, 0.0, 1.0)]
+        assert true_turn(kept_away, -half / order, half / order) == pytest.approx(0.0, abs=1e-9)
+    assert certified(kept_away, -half / order, half / order)[0]
+
+
+@pytest.mark.parametrize("half", [1.0, 2.0, 3.0, 5.0])
+def test_a_wide_interval_in_which_slow_terms_turn_by_more_than_the_chord_is_not_called_certain(half: float) -> None:
+    slow = [(0.0, 0.0, 1.0), (0.05, 0.0, -2.0), (0.1, 0.0, 1.0)]  # (1 - s^0.05)^2: zeros at s = 1, not on the axis
+    assert not certified(slow, -half, half)[0]
+
+
+@pytest.mark.parametrize("delayed", [0.1, 0.9, 0.99, 1.01, 10.0])
+def test_where_one_term_outweighs_the_others_any_interval_is_certain_and_the_turn_is_that_of_the_curve(
+    delayed: float,
+) -> None:
+    terms = [(0.0, 0.0, 1.0), (0.0, 30.0, delayed)]
+    for first, last in ((-1.0, 2.0), (-3.0, 0.0), (0.5, 0.6)):
+        certain, turn = certified(terms, first, last)
+        assert certain
+        assert turn == pytest.approx(true_turn(terms, first, last, samples=40_001), abs=1e-7)
+
+
+def test_terms_of_one_delay_that_go_through_zero_outweigh_nothing() -> None:
+    weak = 0.01  # (s^2 + 1) (1 + weak exp(-3 s)) is zero at w = 1
+    through = [(2.0, 0.0, 1.0), (0.0, 0.0, 1.0), (2.0, 3.0, weak), (0.0, 3.0, weak)]
+    for first, last in ((-0.1, 0.15), (-0.3, 0.3), (-0.02, 0.01)):
+        assert not certified(through, first, last)[0]
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.5, 0.9, 0.99])
+def test_above_the_last_point_the_leading_term_outweighs_all_others_together(gain: float) -> None:
+    # k lower terms, each as large as it may be where the grid ends
+    for lower in (1, 3, 8):
+        coefficients = np.array([[1.0, gain, *(lower * [2.0])]])
+        orders = np.array([[1.0, 1.0, *(lower * [0.0])]])
+        delays = np.array([0.0, 0.3, *range(1, lower + 1)])
+        end = float(winding._Family.of(coefficients, orders, delays).end[0])
+        assert gain + lower * 2.0 * math.exp(-end) < 1.0
