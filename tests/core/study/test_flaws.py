@@ -50,6 +50,14 @@ def test_nothing_is_found_in_a_linear_process(seed: int) -> None:
     assert str(flaws) == ""
 
 
+@pytest.mark.slow
+def test_loads_and_flaws_that_run_away_explain_nothing() -> None:
+    plant = Foreign(2111)  # a level whose setpoint steps once; dead band and loads beyond all that moved were found
+    found = learn(plant.run(plant.running, SAMPLES), "soptd", 5, 0)
+    assert not found.identified.success
+    assert "is no noise" in found.identified.message
+
+
 def test_play_and_limits_are_felt_as_written_down() -> None:
     control = np.array([0.0, 1.0, 3.0, 2.5, 0.0])
     assert Flaws(dead_band=0.5, slip=0.0, high=2.0).felt(control)[0].tolist() == [0.0, 0.5, 1.5, 1.5, 0.5]

@@ -116,7 +116,7 @@ def test_cycles_of_configure_and_cleanup_under_traffic_leave_nothing_open(graph:
             assert change(graph, transition)
         if cycle in (0, 11):
             graph.until(lambda: not graph.node.count_subscribers("/measurement"), "an unconfigured node")
-            assert not graph.node.count_publishers("/control")
+            graph.until(lambda: not graph.node.count_publishers("/control"), "the same of what it publishes")
         for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
             assert change(graph, transition)
     fed.wait(lambda told: told.control == 0.5)
@@ -202,7 +202,7 @@ def test_a_node_that_waits_for_a_manager_can_be_mended_where_it_stands(graph: Gr
     assert not change(graph, Transition.TRANSITION_CONFIGURE)
     graph.until(lambda: "no message 'Float46'; did you mean 'Float64'" in graph.logs(), "the reason")
     assert graph.set(NAME, measurement__type="fopid_msgs/msg/ScalarStamped").successful
-    assert change(graph, Transition.TRANSITION_CONFIGURE)
+    assert change(graph, Transition.TRANSITION_CONFIGURE), graph.logs()
     answer = graph.set(NAME, measurement__type="std_msgs/msg/Float64")
     assert not answer.successful
     assert "until the node is cleaned up" in answer.reason

@@ -235,6 +235,7 @@ def test_gains_on_trial_that_are_taken_back_are_what_they_were_before(graph: Gra
     assert graph.get(NAME, "gains.status", "gains.origin") == ["verified", "x"]
     assert graph.set(NAME, kp=7.0, gains__status="trial", gains__origin="y").successful
     assert graph.set(NAME, gains__status="verified").successful
+    graph.until((tmp_path / file_name(NODE)).exists, "the file")
     assert decoded((tmp_path / file_name(NODE)).read_bytes(), NODE).gains["kp"] in (2.0, 7.0)
     graph.until(lambda: Retainer(tmp_path, NODE).read().gains["kp"] == 7.0, "the confirmed ones")
 

@@ -29,6 +29,9 @@ _ANY, _NEAR = (0.002, 0.25), (0.6, 1.6)
 PROOF = 18.0
 """Twice the logarithm of the likelihood grows by so much with a flaw: by chance, over all that are tried, rarely."""
 _ROUNDS, _WHITENINGS, _ROUNDING = 6, 2, 1e-18
+_MOST_TAKEN = 10.0
+"""What is left of the measurement, as a share of it: loads that cancel each other many times over explain nothing, nor
+does a dead band that no control overcomes."""
 _LOADS, _STARTS, _ENDS = 4, 200, 12
 """Steps of a load that are looked for at most, at how many instants, and so many samples from the ends."""
 
@@ -71,8 +74,10 @@ def learn(record: Record, template: str, count: int, seed: int) -> Learnt:
             found = search.better()
             if found is None:
                 break
-            flaws, loads = found
-            bare = search.without(loads, flaws.of_record(record))
+            without = search.without(found[1], found[0].of_record(record))
+            if np.ptp(without.measurement) > _MOST_TAKEN * np.ptp(record.measurement) or not np.ptp(without.control):
+                break
+            (flaws, loads), bare = found, without
             fitted = fitted.again(bare, start)
         if fitted.best.whiteness.white:
             break
