@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
@@ -36,9 +37,14 @@ def interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin_child() -> None:
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTS)  # the parent holds them now
+def _begin_child(parent: int) -> None:
+    """In the child, whose parent holds interrupts meanwhile, and may be gone already."""
+    for number in INTERRUPTS:
+        signal.signal(number, signal.SIG_DFL)  # a handler of Python's would be lost with the program that follows
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTS)
     die_with_parent()
+    if os.getppid() != parent:
+        os._exit(1)
 
 
 def command(executable: str) -> str:
@@ -91,7 +97,7 @@ class Children:
                 stdout=stdout,
                 env={**os.environ, **(environment or {})},
                 start_new_session=True,
-                preexec_fn=_begin_child,  # the parent has one thread when it starts children
+                preexec_fn=partial(_begin_child, os.getpid()),  # the parent has one thread when it starts children
             )
             self._running.append((name, process))
 
