@@ -18,7 +18,7 @@ NEAR = [1e-9, 1e-6, 1e-4]
 ORDERS = np.unique(
     [*np.linspace(0, 2, 101), *NEAR, *(1 - x for x in NEAR), *(1 + x for x in NEAR), *(2 - x for x in NEAR)]
 )
-DECIBEL, DEGREE = 0.1, 0.5
+DECIBEL, DEGREE = 0.045, 0.175  # edge to edge, as the module says
 
 
 def of_integral(reading: IntegralWeights, band: Band, s: np.ndarray) -> np.ndarray:
@@ -83,7 +83,9 @@ def test_the_band_reaches_from_the_nyquist_frequency_to_the_horizon_with_poles_f
         ((1.0, 0.5, 10), "low"),
         ((0.0, 1.0, 10), "low"),
         ((1.0, math.inf, 10), "high"),
+        ((1.0, 1.0, 10), "low"),
         ((1.0, 2.0, 1), "poles"),
+        ((1.0, 2.0, 61), "poles"),
         ((1e-6, 1e5, 24), "high up to 1e\\+10 times low"),
     ],
 )
@@ -96,3 +98,20 @@ def test_bad_bands_are_named(arguments: tuple, named: str) -> None:
 def test_a_horizon_that_no_bank_reaches_is_named(horizon: float) -> None:
     with pytest.raises(InputError, match="horizon = "):
         Band.for_sample_time(0.01, horizon)
+
+
+def test_the_bounds_themselves_are_allowed_and_left_out_numbers_are_those_documented() -> None:
+    assert [Band(1.0, 1e10, poles).poles for poles in (2, 60)] == [2, 60]
+    assert Band(1.0, 10.0).poles == Band.for_sample_time(0.01).poles == 14
+    assert Band.for_sample_time(1.0, 1e9).low == pytest.approx(1e-9)
+
+
+@pytest.mark.parametrize("sample_time", [0.0, -1.0, math.inf, math.nan])
+def test_a_sample_time_that_is_none_is_named(sample_time: float) -> None:
+    with pytest.raises(InputError, match="sample_time = "):
+        Band.for_sample_time(sample_time)
+
+
+def test_the_integral_of_order_one_is_an_integrator_and_nothing_else() -> None:
+    reading = integral_weights(Band(1e-3, 1e3), 1.0)
+    assert (reading.integrator, reading.direct, np.any(reading.lags)) == (1.0, 0.0, False)
