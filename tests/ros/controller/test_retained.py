@@ -95,6 +95,7 @@ def signed(**changes: object) -> bytes:
         (signed(origin="\x1b[2J"), "origin in it"),
         (signed(origin="\ud800"), "origin in it"),
         (signed(origin=7), "origin in it"),
+        (signed(certificate="a\ud800"), "certificate in it; allowed: whole characters"),
         (signed(status="certainly"), "status = 'certainly'"),
         (signed(basis=[]), "basis in it"),
     ],

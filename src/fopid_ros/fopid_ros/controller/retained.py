@@ -194,6 +194,8 @@ def _check(content: Mapping[str, Any]) -> None:
         text = content[name]
         if not isinstance(text, str) or len(text) > length or (name != "certificate" and not text.isprintable()):
             raise InputError(f"{name} in it; allowed: up to {length} printable characters")
+        if any("\ud800" <= letter <= "\udfff" for letter in text):  # JSON can hold half a character, a parameter cannot
+            raise InputError(f"{name} in it; allowed: whole characters")
     if content["status"] not in ("set", "verified"):
         raise InputError(f"status = {content['status']!r} in it; allowed: set, verified")
     for name, wanted in (("gains", DESIGN), ("basis", BASIS)):
