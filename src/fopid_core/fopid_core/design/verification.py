@@ -223,7 +223,7 @@ def control_rate(loop: Loop, sample_time: float, horizon: float, enough: float =
     --------
     >>> from fopid_core.model.fopid import Fopid
     >>> from fopid_core.model.process import Process
-    >>> round(control_rate(Loop(Process.parse("1/(s+1)"), Fopid(ki=0.5)), 0.01, 20.0), 2)
+    >>> round(control_rate(Loop(Process.parse("1/(s+1)"), Fopid(0.0, 0.5)), 0.01, 20.0), 2)
     0.5
     """
     first = abs(float(first_control(_row(loop), sample_time)[0])) / sample_time
