@@ -130,7 +130,7 @@ def test_several_runs_stand_side_by_side(bag: Path, tmp_path: Path) -> None:
     outline = Outline(render([read_bag(bag), read_bag(second)]))
     assert "2 runs side by side" in outline.text
     places = [a["data-figure"] for _, a in outline.elements if "data-figure" in a]
-    assert len(places) == len(set(places)) == 1 + 2 * 14
+    assert len(places) == len(set(places)) == 1 + 2 * 15
     write_report([read_bag(bag), read_bag(second)], tmp_path / "report.html")
     assert (tmp_path / "report.png").stat().st_size > 10_000
 

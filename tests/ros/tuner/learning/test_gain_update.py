@@ -304,3 +304,7 @@ def test_a_controller_in_manual_mode_is_not_tuned() -> None:
 @pytest.mark.parametrize(("control", "saturated"), [(-1.0, True), (-0.99, False), (0.99, False), (1.0, True)])
 def test_a_control_at_a_limit_is_saturated(control: float, saturated: bool) -> None:
     assert RunningController(OLD.gains, SAMPLE_TIME, -1.0, 1.0).saturated(control) == saturated
+
+
+def test_the_range_of_the_control_is_between_its_limits() -> None:
+    assert RunningController(OLD.gains, SAMPLE_TIME, 1.0, 4.0).control_range == 3.0
