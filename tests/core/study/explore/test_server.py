@@ -6,6 +6,7 @@ import asyncio
 import http.client
 import json
 import re
+import socket
 import subprocess
 import sys
 import threading
@@ -18,7 +19,7 @@ import pytest
 
 from fopid_core.study.explore.server import MOST_WAITING, Desk, application
 from fopid_core.study.page.access import Access
-from fopid_core.study.page.listening import http_server, listening_sockets
+from fopid_core.study.page.listening import MOST_CONNECTIONS, http_server, listening_sockets
 
 TOKEN = "a-token-of-the-tests"
 
@@ -28,13 +29,13 @@ class Server:
 
     def __init__(self) -> None:
         self.desk = Desk({"process": "P1"})
-        (socket,) = listening_sockets("127.0.0.1", 0)
-        self.port = socket.getsockname()[1]
+        (listener,) = listening_sockets("127.0.0.1", 0)
+        self.port = listener.getsockname()[1]
         self.loop = asyncio.new_event_loop()
 
         async def serve() -> None:
             self.server = http_server(application(self.desk, Access(TOKEN)), 100_000)
-            self.server.add_sockets([socket])
+            self.server.add_sockets([listener])
 
         self.loop.run_until_complete(serve())
         self.thread = threading.Thread(target=self.loop.run_forever)
@@ -137,6 +138,27 @@ def test_no_more_wait_than_there_is_room_for(server: Server) -> None:
     finally:
         server.desk.waiting -= MOST_WAITING
     assert server.ask("start")[0] == 200
+
+
+def test_there_is_room_however_many_begin_a_request_and_fall_silent(server: Server) -> None:
+    silent = []
+    for _ in range(3 * MOST_CONNECTIONS):
+        silent.append(socket.create_connection(("127.0.0.1", server.port)))
+        silent[-1].sendall(b"GET / HTTP/1.1\r\nX-")
+        silent[-1].setblocking(False)
+    assert server.request("GET", "/")[0] == 200  # it is the newest: the server has seen all others
+    kept = sum(not is_closed(one) for one in silent)
+    for one in silent:
+        one.close()
+    assert MOST_CONNECTIONS - 10 <= kept <= MOST_CONNECTIONS
+
+
+def is_closed(connection: socket.socket) -> bool:
+    """Whether the other end has closed one that has nothing to read."""
+    try:
+        return connection.recv(1) == b""
+    except BlockingIOError:
+        return False
 
 
 @pytest.mark.slow

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import socket
+from typing import Any
 
+from tornado.http1connection import HTTP1ServerConnection
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 from tornado.web import Application
@@ -12,12 +14,39 @@ from fopid_core.errors import InputError
 
 LARGEST_REQUEST = 20_000  # bytes
 IDLE_TIME = 30.0  # [s] for which a connection may be silent between requests, and within one
+MOST_CONNECTIONS = 128  # WebSockets not counted: those have a limit of their own
 EVERYWHERE = ("", "0.0.0.0", "::")
+
+
+class RoomyServer(HTTPServer):
+    """Has room for a newcomer: where too many wait, the one that has waited longest goes.
+
+    Without a limit the process runs out of files, can accept nobody, and logs that as fast as it can.
+    """
+
+    def initialize(self, *args: Any, **kwargs: Any) -> None:
+        super().initialize(*args, **kwargs)
+        self._waiting: dict[HTTP1ServerConnection, None] = {}  # the one that was heard of first comes first
+
+    def start_request(self, server_conn: Any, request_conn: Any) -> Any:
+        """A connection is new, or waits for its next request."""
+        self._waiting.pop(server_conn, None)
+        self._waiting[server_conn] = None
+        if len(self._waiting) > MOST_CONNECTIONS:
+            longest = next(iter(self._waiting))
+            del self._waiting[longest]
+            longest.stream.close()
+        return super().start_request(server_conn, request_conn)
+
+    def on_close(self, server_conn: Any) -> None:
+        """It is closed, or a WebSocket now."""
+        self._waiting.pop(server_conn, None)
+        super().on_close(server_conn)
 
 
 def http_server(application: Application, largest_request: int = LARGEST_REQUEST) -> HTTPServer:
     """A server that neither waits for the slow nor stores what is large."""
-    return HTTPServer(
+    return RoomyServer(
         application,
         max_body_size=largest_request,
         max_header_size=LARGEST_REQUEST,
