@@ -60,6 +60,9 @@ class Alone:
     def get_clock(self) -> Any:
         return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.now_ns))
 
+    def get_parameter(self, name: str) -> Any:
+        return SimpleNamespace(value={"use_sim_time": True}[name])
+
     def get_logger(self) -> Any:
         return SimpleNamespace(warning=lambda text, **_: self.told.append(text), info=self.said.append)
 

@@ -107,6 +107,7 @@ class Layout:
         self._values = attrgetter("stamp_ns", *self.names)
         self._own = self._fields[1] if self._stamped else self._fields[0]  # frame_id is empty: its NUL
         self._begin = _BEHIND_HEADER + 1 if self._stamped else ALIGNED_FROM
+        self._newest: tuple[bytes | None, int, tuple[Any, ...]] = (None, 0, ())
 
     @cached_property
     def _message(self) -> bytearray:
@@ -123,28 +124,37 @@ class Layout:
 
     def stamp_ns(self, data: bytes) -> int:
         """The header's stamp [ns]; 0 without a header."""
-        if not self._stamped or data[:2] != ENCAPSULATION:
-            return int(self.unpack(data).stamp_ns)
-        seconds, nanoseconds = _STAMP.unpack_from(data, ALIGNED_FROM)
-        return int(seconds) * NS + int(nanoseconds)
+        return self._read(data)[1]
 
     def numbers(self, data: bytes) -> tuple[Any, ...]:
         """The fields of a message but the header, in their order."""
-        if data[:2] != ENCAPSULATION:
-            return tuple(self.unpack(data)[1:])
-        if not self._stamped:
-            return self._own.unpack_from(data, ALIGNED_FROM)
-        length = _HEADER.unpack_from(data, ALIGNED_FROM)[2]
-        return self._fields[length % LARGEST_ALIGNMENT].unpack_from(data, _BEHIND_HEADER + length)
+        return self._read(data)[2]
 
     def unpack(self, data: bytes) -> Any:
         """A message as a named tuple of ``stamp_ns`` and its fields."""
-        if data[:2] == ENCAPSULATION:
-            stamp = self.stamp_ns(data) if self._stamped else 0
-            return self._record(stamp, *self.numbers(data))
-        message = deserialize_message(data, self._message_type)
-        stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec if self._stamped else 0
-        return self._record(stamp, *(getattr(message, name) for name in self.names))
+        _, stamp, numbers = self._read(data)
+        return self._record(stamp, *numbers)
+
+    def _read(self, data: bytes) -> tuple[bytes | None, int, tuple[Any, ...]]:
+        """A message, its stamp [ns] and its fields; of the one that was read last they are remembered.
+
+        For a message is first looked at whether it is one, then for its stamp, and then for its numbers.
+        """
+        newest = self._newest
+        if newest[0] is not data:
+            self._newest = newest = (data, *self._parse(data))
+        return newest
+
+    def _parse(self, data: bytes) -> tuple[int, tuple[Any, ...]]:
+        if data[:2] != ENCAPSULATION:
+            message = deserialize_message(data, self._message_type)
+            stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec if self._stamped else 0
+            return stamp, tuple(getattr(message, name) for name in self.names)
+        if not self._stamped:
+            return 0, self._own.unpack_from(data, ALIGNED_FROM)
+        seconds, nanoseconds, length = _HEADER.unpack_from(data, ALIGNED_FROM)
+        fields = self._fields[length % LARGEST_ALIGNMENT].unpack_from(data, _BEHIND_HEADER + length)
+        return seconds * NS + nanoseconds, fields
 
     def pack(self, stamp_ns: int, numbers: Iterable[Any]) -> bytes:
         """A message with an empty ``frame_id``, to be published."""

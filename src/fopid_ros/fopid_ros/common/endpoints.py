@@ -57,12 +57,15 @@ class Endpoints:
         return opened
 
     def subscription(
-        self, kind: Any, topic: str, callback: Callable[..., None], qos: QoSProfile, *, raw: bool = False
+        self, kind: Any, topic: str, callback: Callable[..., None], qos: QoSProfile, **more: Any
     ) -> Subscription:
-        """Open a subscription, whose callback gets bytes when it is ``raw``; raises as ``publisher`` does."""
+        """Open a subscription, with what else the node's ``create_subscription`` takes; raises as ``publisher`` does.
+
+        Its callback gets bytes when it is ``raw``.
+        """
         opened: Subscription = self._overridable(
             "subscription", topic,
-            lambda options: self._node.create_subscription(kind, topic, callback, qos, raw=raw, **options),
+            lambda options: self._node.create_subscription(kind, topic, callback, qos, **more, **options),
         )  # fmt: skip
         self._opened.append((opened, self._node.destroy_subscription))
         return opened

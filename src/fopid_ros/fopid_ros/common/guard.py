@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import threading
 import time
 import traceback
@@ -19,6 +20,10 @@ LOG_PERIOD = 10.0
 """One place in the sources logs no more than one traceback in this time [s]; all are counted."""
 FRAMES = -20
 """How much of a traceback is logged: its innermost frames."""
+
+
+def do_nothing() -> None:
+    """What follows an error where nothing else is said."""
 
 
 class Guard:
@@ -71,7 +76,7 @@ class Guard:
         trace = "".join(traceback.format_exception(error, limit=FRAMES))
         self._log(f"internal error {self.count}, the node goes on: {line}\n{trace}")
 
-    def wrap(self, what: str, callback: Callable[..., Any], otherwise: Callable[[], Any] = lambda: None) -> Any:
+    def wrap(self, what: str, callback: Callable[..., Any], otherwise: Callable[[], Any] = do_nothing) -> Any:
         """The callback, but its errors are noted, and then what ``otherwise`` makes is returned."""
 
         @functools.wraps(callback)  # rclpy looks at the signature
@@ -113,11 +118,14 @@ class GuardedNode:
         return Guard(lambda text: self.get_logger().error(text))
 
     def create_subscription(
-        self, msg_type: Any, topic: str, callback: Any, *more: Any, raw: bool = False, **named: Any
-    ) -> Any:
+        self, msg_type: Any, topic: str, callback: Any, *more: Any, raw: bool = False,
+        otherwise: Callable[[], Any] = do_nothing, **named: Any,
+    ) -> Any:  # fmt: skip
         if raw:  # others are read by the middleware, which drops what is malformed
             callback = self._whole_only(msg_type, topic, callback)
-        guarded = self.guard.wrap(f"subscription {topic}", _taken_apart(callback))
+        if _wants_information(callback):
+            callback = _taken_apart(callback)
+        guarded = self.guard.wrap(f"subscription {topic}", callback, otherwise)
         return super().create_subscription(msg_type, topic, guarded, *more, raw=raw, **named)
 
     def _whole_only(self, msg_type: Any, topic: str, callback: Callable[..., Any]) -> Callable[..., Any]:
@@ -139,13 +147,25 @@ class GuardedNode:
         """A message on a topic cannot be used; a node that counts what it refuses does so here."""
         self.get_logger().warning(f"{told}; refused ({self.guard.malformed} so far)", throttle_duration_sec=1.0)
 
-    def create_timer(self, timer_period_sec: float, callback: Any, *more: Any, **named: Any) -> Any:
+    def create_timer(
+        self, timer_period_sec: float, callback: Any, *more: Any, otherwise: Callable[[], Any] = do_nothing,
+        **named: Any,
+    ) -> Any:  # fmt: skip
         what = f"timer {getattr(callback, '__name__', '')}".strip()
-        return super().create_timer(timer_period_sec, self.guard.wrap(what, callback), *more, **named)
+        return super().create_timer(timer_period_sec, self.guard.wrap(what, callback, otherwise), *more, **named)
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, *more: Any, **named: Any) -> Any:
         guarded = self.guard.wrap(f"service {srv_name}", callback, lambda: internal_error(srv_type.Response()))
         return super().create_service(srv_type, srv_name, guarded, *more, **named)
+
+
+def _wants_information(callback: Callable[..., Any]) -> bool:
+    """Whether rclpy hands a callback what is known of a message beside the message: where it takes two arguments."""
+    try:
+        inspect.signature(callback).bind(None, None)
+    except TypeError:
+        return False
+    return True
 
 
 def _taken_apart(callback: Callable[..., Any]) -> Callable[..., Any]:

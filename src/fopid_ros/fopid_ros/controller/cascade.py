@@ -39,12 +39,18 @@ class CascadeLink:
     values : mapping
         The node's parameters.
     tracking : Input
+
+    Attributes
+    ----------
+    in_use : bool
+        Whether any of both is asked for.
     """
 
     def __init__(self, endpoints: Endpoints, values: Mapping[str, Any], tracking: Input) -> None:
         self._tracking, self._input = tracking, TrackingInput()
         self._taken_back = 0.0
         self._publisher = None
+        self.in_use = values["back_calculation.enabled"] or values["tracking.enabled"]
         if values["back_calculation.enabled"]:
             qos = loop_qos(lockstep=values["trigger"] == "lockstep")
             self._publisher = endpoints.publisher(ScalarStamped, "back_calculation", qos)

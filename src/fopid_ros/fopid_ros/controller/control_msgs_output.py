@@ -34,6 +34,11 @@ class ControlMsgsOutput:
     name : str
         Of the degree of freedom.
 
+    Attributes
+    ----------
+    in_use : bool
+        Whether anything of it is asked for.
+
     Raises
     ------
     InputError
@@ -52,6 +57,7 @@ class ControlMsgsOutput:
             self._controller_state = kind()
             self._controller_state.dof_states.append(_message("SingleDOFState", "controller_state.enabled")(name=name))
             self._multi = endpoints.publisher(kind, "~/controller_state", QoSProfile(depth=10))
+        self.in_use = values["pid_state.enabled"] or values["controller_state.enabled"]
 
     def publish(self, state: ControllerState, stamp_ns: int, interval: float) -> None:
         """Send what a tick did.
@@ -63,8 +69,6 @@ class ControlMsgsOutput:
         interval : float
             Time since the tick before [s].
         """
-        if self._pid is None and self._multi is None:
-            return
         error_dot = (state.error - self._error) / interval if interval > 0.0 else math.nan
         self._error = state.error
         if self._pid is not None:

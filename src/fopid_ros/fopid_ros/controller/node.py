@@ -163,8 +163,10 @@ class ControllerNode(TickingNode):
         self._control = control
         self._statistics.tick(self._interval, saturated=state.saturated, stale=bool(unusable))
         self.publish_control(control, stamp_ns)
-        self._cascade.tell(self._controller, None if steps else inputs.measurement.value, control, stamp_ns)
-        self._control_msgs.publish(state, stamp_ns, self._interval)
+        if self._cascade.in_use:
+            self._cascade.tell(self._controller, None if steps else inputs.measurement.value, control, stamp_ns)
+        if self._control_msgs.in_use:
+            self._control_msgs.publish(state, stamp_ns, self._interval)
         told = state.mode == "manual" or not (unusable and self._awaiting_first_input)
         if told and self._state_is_due(now_ns):
             self._publish_state(stamp_ns, now_ns, state)
@@ -195,7 +197,7 @@ class ControllerNode(TickingNode):
             controller.set_interval(self._sample_interval)
         return controller.step(
             inputs.setpoint.value, inputs.measurement.value, inputs.feedforward.faded(now_ns), by_hand,
-            self._cascade.limit(now_ns, controller.state.control),
+            self._cascade.limit(now_ns, controller.state.control) if self._cascade.in_use else None,
         )  # fmt: skip
 
     def _fallback_control(self, now_ns: int) -> float:

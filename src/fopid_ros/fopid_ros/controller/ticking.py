@@ -16,9 +16,11 @@ from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
 from fopid_ros.common.diagnostics import TickStatistics
+from fopid_ros.common.guard import do_nothing
 from fopid_ros.common.managed_node import loop_qos
 from fopid_ros.common.signals import SignalType
 from fopid_ros.controller.remembering import RememberingNode
+from fopid_ros.controller.stamps import time_of_stamps
 
 NS = 1_000_000_000
 END_OF_TIME = NS << 31
@@ -68,19 +70,16 @@ class TickingNode(RememberingNode):
         self._statistics = TickStatistics(values["sample_time"], time.monotonic_ns())
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._tick_clock, self._now = self._time_of_ticks()
-        # The node's time; without /clock that is the system's, which is read faster.
-        simulated = self.get_parameter("use_sim_time").value
-        self._stamp = (lambda: int(self.get_clock().now().nanoseconds)) if simulated else time.time_ns
+        self._stamp = time_of_stamps(self)
         self._interval, self._state_sent_ns = 0.0, 0
 
     def open_measurement(self) -> None:
         """Hear the measurement: in lockstep it is the tick."""
         lockstep, kind = self._lockstep, self._types["measurement"]
         self.endpoints.subscription(
-            kind.message_type, "measurement",
-            self.guard.wrap("tick", self._lockstep_tick, self._fail_safe) if lockstep
-            else self._inputs.take_measurement,
+            kind.message_type, "measurement", self._lockstep_tick if lockstep else self._inputs.take_measurement,
             loop_qos(lockstep=lockstep, reliable=False), raw=kind.raw,
+            otherwise=self._fail_safe if lockstep else do_nothing,
         )  # fmt: skip
 
     def open_mode_services(self) -> None:
@@ -107,8 +106,9 @@ class TickingNode(RememberingNode):
         self._inputs.begin()
         self._interval = 0.0
         if not self._lockstep:
-            tick = self.guard.wrap("tick", self._tick_on_timer, self._fail_safe)
-            self._timer = self.create_timer(self._period_ns * 1e-9, tick, clock=self._tick_clock)
+            self._timer = self.create_timer(
+                self._period_ns * 1e-9, self._tick_on_timer, clock=self._tick_clock, otherwise=self._fail_safe
+            )
         self._active = True
         return super().on_activate(state)
 
@@ -172,8 +172,10 @@ class TickingNode(RememberingNode):
         """Measure the time since the last tick; time that runs backwards starts the control anew."""
         before, self._last_tick = self._last_tick, now_ns
         if before is not None and now_ns >= before:
-            self._interval = (now_ns - before) * 1e-9
-            self._statistics.counts.late_ticks += max(0, round((now_ns - before) / self._period_ns) - 1)
+            interval = now_ns - before
+            self._interval = interval * 1e-9
+            if 2 * interval > 3 * self._period_ns:
+                self._statistics.counts.late_ticks += round(interval / self._period_ns) - 1
             return
         self._interval = 0.0
         if before is not None:
