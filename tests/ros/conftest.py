@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -128,16 +129,20 @@ class Graph:
         return future.result()
 
     def client(self, kind: type, name: str) -> Any:
-        if name not in self._clients:
-            self._clients[name] = self.node.create_client(kind, name)
-        client = self._clients[name]
-        self._settle(client.service_is_ready, f"the service {name}")
-        return client
+        return self._settled(
+            name, partial(self.node.create_client, kind, name), "service_is_ready", f"the service {name}"
+        )
 
-    def _settle(self, ready: Callable[[], bool], what: str) -> None:
-        if not ready():
-            self.until(ready, what)
+    def _settled(self, name: str, create: Callable[[], Any], ready: str, what: str) -> Any:
+        """A client whose server knows it too: a new one is often ready at once, for the server was heard of before."""
+        new = name not in self._clients
+        if new:
+            self._clients[name] = create()
+        client = self._clients[name]
+        if new or not getattr(client, ready)():
+            self.until(getattr(client, ready), what)
             self.spin(SETTLE)
+        return client
 
     def call(self, kind: type, name: str, request: Any = None, patience: float = PATIENCE) -> Any:
         client = self.client(kind, name)
@@ -175,11 +180,8 @@ class Graph:
         return messages
 
     def parameters(self, node: str) -> AsyncParameterClient:
-        if node not in self._clients:
-            self._clients[node] = AsyncParameterClient(self.node, node)
-        client = self._clients[node]
-        self._settle(client.services_are_ready, f"parameters of {node}")
-        return client
+        create = partial(AsyncParameterClient, self.node, node)
+        return self._settled(node, create, "services_are_ready", f"parameters of {node}")
 
     def await_restarted(self, node: str) -> None:
         """Wait until the process that followed a killed one answers.
