@@ -67,9 +67,9 @@ test-verbs: venv ## Run each verb of the command line once
 
 .PHONY: coverage
 coverage: venv ## Branches that the fast tests and the slow ones of verbs, studies and nodes take [ARGS=tests/core]
-	@export COVERAGE_FOLDER="$(CURDIR)/build/coverage"; \
+	@export COVERAGE_FOLDER="$(CURDIR)/build/coverage" PATIENCE=4; \
 	rm -rf "$$COVERAGE_FOLDER"; \
-	run=($(subst -m pytest,-m coverage run -m pytest,$(PYTEST))); \
+	run=($(subst -m pytest,-m coverage run -m pytest -p tests.patience,$(PYTEST))); \
 	failed=0; "$${run[@]}" $(ARGS) || failed=1; \
 	if [[ -z "$(ARGS)" ]]; then \
 	  "$${run[@]}" -m 'slow and not colcon' tests/core/{cli,study} tests/ros/{tuner,dashboard,experiment} || failed=1; \

@@ -29,6 +29,7 @@ from fopid_msgs.msg import FopidState, ScalarStamped
 from fopid_msgs.srv import Advance
 from fopid_ros.experiment.child_processes import ros_arguments
 
+from ..patience import FACTOR
 from .node_process import NodeProcess
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `make` sets it; before the first numpy of a node
@@ -38,7 +39,7 @@ BIN = Path(sys.executable).parent
 _WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 _WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
 _DOMAINS = itertools.islice(itertools.cycle(range(1 + _WORKER, 101, _WORKERS)), os.getpid() % 100, None)
-PATIENCE = 60.0
+PATIENCE = 60.0 * FACTOR
 SETTLE = 0.3  # [s] a server may find a new client a little later than the client finds it; its answer would be lost
 DEEP = QoSProfile(depth=100_000)
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import pytest
+from rcl_interfaces.msg import Parameter, ParameterValue
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 
 from fopid_core.errors import InputError
-from fopid_ros.common.parameters import Spec
+from fopid_ros.common.parameters import Spec, changes_of
 from fopid_ros.controller.parameters import SPECS as CONTROLLER
 from fopid_ros.dashboard.node import SPECS as DASHBOARD
 from fopid_ros.plant.node import SPECS as PLANT
@@ -57,3 +58,24 @@ def test_the_range_of_a_gain_holds_its_value_with_room_and_no_more(value: float)
     (interval,) = Spec("kp", 0.0, "", -1e100, 1e100, slides=True).descriptor(value).floating_point_range
     assert abs(value) <= interval.to_value == -interval.from_value
     assert interval.to_value <= max(100.0 * abs(value), 10.0)
+
+
+def test_a_type_that_parameters_do_not_have_is_named() -> None:
+    with pytest.raises(InputError, match=r"^'kp': type = 99; allowed: 0 to 9$"):
+        changes_of([Parameter(name="kp", value=ParameterValue(type=99))])
+    good = changes_of([Parameter(name="kp"), Parameter(name="n", value=ParameterValue(type=2, integer_value=3))])
+    assert [one.value for one in good] == [None, 3]
+
+
+def test_a_list_that_would_hold_the_loop_up_is_not_read() -> None:
+    many = ParameterValue(type=8, double_array_value=[1.0] * 1_001)
+    with pytest.raises(InputError, match=r"^'kp': a list of 1001 elements; allowed: up to 1000$"):
+        changes_of([Parameter(name="kp", value=many)])
+
+
+@pytest.mark.parametrize("value", ["x" * 100_000, ["x" * 100_000], [1.0] * 1_000_000])
+def test_a_value_that_is_refused_fills_no_log(value: object) -> None:
+    for spec in (Spec("kp", 0.0, ""), Spec("mode", "auto", "", choices=("auto", "manual"))):
+        with pytest.raises(InputError) as refused:
+            spec.check(value)
+        assert len(str(refused.value)) < 200

@@ -11,8 +11,9 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import SetParametersResult
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
@@ -31,6 +32,8 @@ from fopid_ros.common.endpoints import Endpoints
 from fopid_ros.common.guard import INTERNAL_ERROR, GuardedNode
 from fopid_ros.common.parameters import (
     Spec,
+    brief,
+    changes_of,
     check_changes,
     converted,
     current_values,
@@ -143,7 +146,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
             before = [self.get_parameter(change.name) for change in changes]
             result = super().set_parameters_atomically(changes)
         except InputError as error:
-            result = SetParametersResult(successful=False, reason=str(error))
+            result = SetParametersResult(successful=False, reason=brief(str(error)))
         except Exception as error:  # noqa: BLE001  (no parameter ends the node)
             self.guard.note("parameters", error)
             self.guard.wrap("putting parameters back", super().set_parameters_atomically)(before)
@@ -158,14 +161,26 @@ class ManagedNode(GuardedNode, LifecycleNode):
 
         Its answer has a result for each parameter, all of them the same.
         """
-        (service,) = (one for one in self.services if one.srv_type is SetParameters)
 
-        def answer(request: SetParameters.Request, response: SetParameters.Response) -> SetParameters.Response:
-            changes = [Parameter.from_parameter_msg(change) for change in request.parameters]
-            response.results = [self.set_parameters_atomically(changes)] * len(changes)
+        def result(messages: Sequence[ParameterMessage]) -> SetParametersResult:
+            try:
+                return self.set_parameters_atomically(changes_of(messages))
+            except InputError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+
+        def answer_each(request: SetParameters.Request, response: SetParameters.Response) -> SetParameters.Response:
+            response.results = [result(request.parameters)] * len(request.parameters)
             return response
 
-        service.callback = self.guard.wrap("set_parameters", answer, SetParameters.Response)
+        def answer(request: Any, response: SetParametersAtomically.Response) -> SetParametersAtomically.Response:
+            response.result = result(request.parameters)
+            return response
+
+        answers = {SetParameters: answer_each, SetParametersAtomically: answer}
+        for service in self.services:
+            if service.srv_type in answers:
+                kind = service.srv_type
+                service.callback = self.guard.wrap(kind.__name__, answers[kind], kind.Response)
 
     def _after_set(self, changes: list[Parameter]) -> None:
         if any(change.name in self._specs for change in changes):

@@ -5,11 +5,13 @@ from __future__ import annotations
 import difflib
 import math
 import re
+from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, ParameterType, ParameterValue
+from rcl_interfaces.msg import Parameter as ParameterMessage
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter, get_parameter_value, parameter_value_to_python
@@ -25,9 +27,43 @@ WIDEST = 1e3
 """A bound beyond this is too far for a slider: tools are told that there is none, and the check keeps it."""
 LARGEST_INTEGER = 2**31 - 1
 """Of a slider for whole numbers."""
+LONGEST_SHOWN = 80
+"""Characters of a value in a message."""
+LISTS = tuple(name for name in ParameterValue.get_fields_and_field_types() if name.endswith("_array_value"))
+LONGEST_LIST = 1_000
+LONGEST_REASON = 800
+"""Characters of a reason: it is answered, logged, and told in each of the diagnostics from then on."""
 
 _NUMBER_AS_TEXT = re.compile(r"[-+]?(\.?inf|(\d+\.?\d*|\.\d+)e[-+]?\d+)", re.IGNORECASE)
 """Numbers that ``ros2 param set`` and ``ros2 param load`` send as texts, since YAML 1.1 reads them so."""
+
+
+def shown(value: Any) -> str:
+    """A value in a message, cut to a length that can be read.
+
+    Examples
+    --------
+    >>> shown("kp"), shown("x" * 100_000)[-24:], shown([1.0] * 1_000_000)[-24:]
+    ("'kp'", 'x... (100000 characters)', '0,... (1000000 elements)')
+    """
+    has_size = isinstance(value, (str, list, array))
+    told = repr(value[: LONGEST_SHOWN + 1] if has_size else value)  # of a million elements it would take a while
+    if len(told) <= LONGEST_SHOWN:
+        return told
+    unit = "elements" if has_size and not isinstance(value, str) else "characters"
+    return f"{told[:LONGEST_SHOWN]}... ({len(value if has_size else told)} {unit})"
+
+
+def brief(reason: str) -> str:
+    """A reason without its middle where it is too long: that is a value; what is allowed stands at the end.
+
+    Examples
+    --------
+    >>> brief("field = 'x'"), len(brief("x" * 100_000))
+    ("field = 'x'", 805)
+    """
+    half = LONGEST_REASON // 2
+    return reason if len(reason) <= LONGEST_REASON else f"{reason[:half]} ... {reason[-half:]}"
 
 
 @dataclass(frozen=True)
@@ -113,13 +149,13 @@ class Spec:
     def check(self, value: Any) -> None:
         """Raise InputError for a value that is not allowed."""
         if type(value) is not type(self.default):
-            raise InputError(f"{self.name} = {value!r}; allowed: {self._kind()}")
+            raise InputError(f"{self.name} = {shown(value)}; allowed: {self._kind()}")
         if isinstance(value, float) and math.isnan(value):
             raise InputError(f"{self.name} = nan; allowed: {self._allowed()}")
         if isinstance(value, (int, float)) and not self.low <= value <= self.high:
             raise InputError(f"{self.name} = {value}; allowed: {self._allowed()}")
         if self.choices and value not in self.choices:
-            raise InputError(f"{self.name} = {value!r}; allowed: {self._allowed()}")
+            raise InputError(f"{self.name} = {shown(value)}; allowed: {self._allowed()}")
 
     def _allowed(self) -> str:
         if self.choices:
@@ -195,7 +231,7 @@ def _as_yaml(text: str) -> Any:
 def _refuse_unknown(node: Node, specs: Mapping[str, Spec], names: Iterable[str]) -> None:
     for name in names:
         if name not in specs and not node.has_parameter(name):
-            raise InputError(f"{node.get_name()} has no parameter {name!r}{nearest(name, specs)}")
+            raise InputError(f"{node.get_name()} has no parameter {shown(name)}{nearest(name, specs)}")
 
 
 def nearest(given: str, allowed: Iterable[str]) -> str:
@@ -210,6 +246,26 @@ def current_values(node: Node, specs: Mapping[str, Spec], changes: Iterable[Para
     current = {name: node.get_parameter(name).value for name in specs}
     current.update({change.name: change.value for change in changes if change.name in current})
     return current
+
+
+def changes_of(messages: Iterable[ParameterMessage]) -> list[Parameter]:
+    """What a request asks to change.
+
+    Raises
+    ------
+    InputError
+        For a type that parameters do not have: a message can hold any number there. For a list whose conversion would
+        hold the loop up: a million numbers take half a second.
+    """
+    messages = list(messages)
+    for message in messages:
+        longest = max(len(getattr(message.value, name)) for name in LISTS)
+        if longest > LONGEST_LIST:
+            raise InputError(f"{shown(message.name)}: a list of {longest} elements; allowed: up to {LONGEST_LIST}")
+        if message.value.type > ParameterType.PARAMETER_STRING_ARRAY:
+            known = f"allowed: 0 to {ParameterType.PARAMETER_STRING_ARRAY}"
+            raise InputError(f"{shown(message.name)}: type = {message.value.type}; {known}")
+    return [Parameter.from_parameter_msg(message) for message in messages]
 
 
 def converted(specs: Mapping[str, Spec], changes: Iterable[Parameter]) -> list[Parameter]:
@@ -257,4 +313,6 @@ def check_changes(node: Node, specs: Mapping[str, Spec], changes: Iterable[Param
         spec.check(change.value)
         present = node.get_parameter(change.name).value
         if configured and spec.at_configure and change.value != present:
-            raise InputError(f"{change.name} = {change.value!r}; allowed: {present!r} until the node is cleaned up")
+            raise InputError(
+                f"{change.name} = {shown(change.value)}; allowed: {shown(present)} until the node is cleaned up"
+            )

@@ -11,9 +11,9 @@ from fopid_core.runtime.settings import LARGEST, LOWEST
 from fopid_msgs.action import Autotune
 from fopid_msgs.srv import Tune
 from fopid_ros.common.inputs import is_number
+from fopid_ros.common.parameters import shown
 from fopid_ros.dashboard.results import TWO_DEGREES
 
-LONGEST_SHOWN = 80  # characters of what was sent, in a message about it
 TUNING_NAMES = ("process", "method", "phase_margin", "crossover", "index", "ms_max", "u_max")
 TUNER_DEFAULTS = (*TUNING_NAMES, "verify.ms_max")
 """Parameters of the tuner that are followed."""
@@ -45,12 +45,6 @@ def text(name: str, value: Any) -> str:
     if not isinstance(value, str) or not value.isprintable():
         raise InputError(f"{name} = {shown(value)}; allowed: a text of printable characters")
     return value
-
-
-def shown(value: Any) -> str:
-    """A value in a message, cut to a length that can be read."""
-    told = repr(value)
-    return told if len(told) <= LONGEST_SHOWN else f"{told[:LONGEST_SHOWN]}... ({len(told)} characters)"
 
 
 def radians(name: str, value: Any) -> float:

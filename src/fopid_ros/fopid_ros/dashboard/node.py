@@ -25,12 +25,12 @@ from fopid_ros.common.cdr import Layout
 from fopid_ros.common.diagnostics import diagnostic_array, diagnostic_status
 from fopid_ros.common.guard import GuardedNode
 from fopid_ros.common.managed_node import latched_qos
-from fopid_ros.common.parameters import Spec, declare
+from fopid_ros.common.parameters import Spec, declare, shown
 from fopid_ros.common.signals import SignalType, signal_specs, signal_type
 from fopid_ros.dashboard.autotuning import Autotuning
 from fopid_ros.dashboard.health import Health
 from fopid_ros.dashboard.history import History
-from fopid_ros.dashboard.inputs import GAINS, TUNER_DEFAULTS, autotuning_goal, number, shown, text, tuning_request
+from fopid_ros.dashboard.inputs import GAINS, TUNER_DEFAULTS, autotuning_goal, number, text, tuning_request
 from fopid_ros.dashboard.remote_parameters import LOOK_AGAIN, AllParameters, RefusedError, RemoteParameters, answer
 from fopid_ros.dashboard.results import tuning_told
 from fopid_ros.dashboard.undo import DESIGN, PROVENANCE, GainHistory, GainSet

@@ -31,11 +31,13 @@ from fopid_ros.tuner.learning.gain_update import (
     GainUpdate,
     Outcome,
     RunningController,
+    Trial,
     read_running_controller,
 )
 from fopid_ros.tuner.learning.history import History
 from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.loop_wait import CancelledError, Stage
+from fopid_ros.tuner.parameters import SPECS as TUNER
 
 OLD = RunningDesign(Fopid(0.5, 1.0, 0.0, 1.0, 1.0), MeasurementFilter(2, 0.003), SetpointWeights(0.5, 0.0))
 ANOTHERS = RunningDesign(Fopid(0.7, 0.1))
@@ -54,6 +56,8 @@ class Running:
         self.statuses: list[str] = []
         self.certificates: list[str] = []
         self.stages: list[Stage] = []
+        self.time = 0.0
+        self.renewed: list[float] = []
         self._measurement, self._cancelled_at = measurement, cancelled_at
         self._hook: Callable[[Tick], None] | None = None
 
@@ -71,6 +75,13 @@ class Running:
         assert design == self.design()
         self.statuses.append("verified")
 
+    def renew_trial(self) -> None:
+        self.renewed.append(self.time)
+
+    @property
+    def watched(self) -> bool:
+        return self._hook is not None
+
     def design(self) -> RunningDesign:
         return self.applied[-1] if self.applied else OLD
 
@@ -79,12 +90,15 @@ class Running:
 
     def until(self, done: Callable[[], bool], stage: Callable[[], Stage]) -> None:
         for time in self._times():
+            self.time = time
             if done():
                 return
             if time > self._cancelled_at:
                 raise CancelledError
             assert self._hook is not None
             self._hook(Tick(time, 1.0, self._measurement(time), 0.5))
+            for signal, value in (("setpoint", 1.0), ("measurement", self._measurement(time))):
+                self.history.add(signal, time, value)
             self.report(stage())
 
     def _times(self) -> Iterator[float]:
@@ -199,6 +213,7 @@ def test_gains_under_which_the_loop_stays_as_good_are_kept(learnt: Identificatio
     assert running.applied == [RunningDesign(outcome.tuned.tuning.controller)]
     assert running.statuses == ["trial", "verified"]  # until it is over, a restart must not begin with them
     assert running.stages[-1].phase == "watching"
+    assert not running.watched
 
 
 @pytest.mark.parametrize(
@@ -234,6 +249,7 @@ def test_a_trial_that_is_cancelled_can_be_taken_back(learnt: IdentificationResul
     gain_update, outcome = handed_over(running, learnt)
     with pytest.raises(CancelledError):
         gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
+    assert not running.watched
     running.applied.append(ANOTHERS)
     gain_update.roll_back()
     assert running.applied[-1] == ANOTHERS  # somebody has set others meanwhile: they stay
@@ -266,16 +282,93 @@ def test_gains_that_may_have_been_taken_can_be_taken_back(learnt: Identification
     assert running.applied == [OLD]
 
 
-def test_new_gains_are_watched_for_ten_response_times(learnt: IdentificationResult) -> None:
+def test_gains_that_cannot_be_put_back_are_named(learnt: IdentificationResult) -> None:
+    running = Running(lambda _: 1.0, cancelled_at=0.1)
+    gain_update, outcome = handed_over(running, learnt)
+    with pytest.raises(CancelledError):
+        gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
+
+    def gone(*_: object) -> RunningDesign:
+        raise InputError("no controller answers")
+
+    running.apply = gone  # type: ignore[method-assign]
+    with pytest.raises(InputError, match=r"the previous gains, .*0\.5.*, could not be put back: no controller answers"):
+        gain_update.roll_back()
+
+
+def test_without_a_trial_there_is_nothing_to_take_back() -> None:
+    running = Running(lambda _: 1.0)
+    handover_of(running).roll_back()
+    assert running.applied == []
+
+
+def test_the_controller_hears_in_time_that_the_trial_is_watched(
+    learnt: IdentificationResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes the gains from before after ``trial_timeout``, 3 s: two of its words may be lost."""
     running = Running(lambda t: 1.0 + 0.005 * math.sin(7.0 * t))
     gain_update, outcome = handed_over(running, learnt)
+    monkeypatch.setattr(gain_update_module, "time", SimpleNamespace(monotonic=lambda: running.time))
+    gain_update.try_out(Trial(ANOTHERS, response_time=0.5), outcome, quiet(), 0.01, 2.0)
+    assert len(running.renewed) >= 5
+    gaps = np.diff([0.0, *running.renewed, running.time])
+    assert gaps[:-1].min() > 0.4  # each word is a change of a parameter, told to everybody
+    assert gaps.max() < 1.0
+    watched = [stage for stage in running.stages if stage.phase == "watching"]
+    assert watched[len(watched) // 2].progress == pytest.approx(0.875, abs=0.001)
+
+
+def test_the_setpoint_weights_go_out_where_there_is_a_filter_or_they_are_others(learnt: IdentificationResult) -> None:
+    _, outcome = handed_over(Running(lambda _: 1.0), learnt)
+    whole, half, slow = SetpointWeights(), SetpointWeights(0.5, 0.0), MeasurementFilter(2, 0.003)
+    idle = MeasurementFilter()
+    for given, weights, sent in ((idle, whole, None), (idle, half, half), (slow, whole, whole), (slow, half, half)):
+        running = Running(lambda _: 1.0)
+        tuning = replace(outcome.tuned.tuning, filter=given, weights=weights)
+        wanted = replace(outcome, tuned=replace(outcome.tuned, tuning=tuning))
+        handover_of(running).apply_and_monitor(wanted, quiet(), 0.01, 2.0)
+        assert running.applied == [RunningDesign(tuning.controller, given, sent)]
+
+
+@pytest.mark.parametrize("lacking", ["tuned", "tuning", "controller", "achieved"])
+def test_a_tuning_without_gains_is_not_applied(learnt: IdentificationResult, lacking: str) -> None:
+    running = Running(lambda _: 1.0)
+    gain_update, outcome = handed_over(running, learnt)
+    tuning = None if lacking == "tuning" else replace(outcome.tuned.tuning, **{lacking: None} if "c" in lacking else {})
+    tuned = None if lacking == "tuned" else replace(outcome.tuned, tuning=tuning)
+    with pytest.raises(InputError, match="a tuning without gains; allowed: one that succeeded"):
+        gain_update.apply_and_monitor(replace(outcome, tuned=tuned), quiet(), 0.01, 2.0)
+    assert running.applied == []
+
+
+def test_an_outcome_says_nothing_that_has_not_happened() -> None:
+    assert Outcome() == Outcome(success=False, message="", applied=False, rolled_back=False, certificate="")
+
+
+def test_what_is_not_said_is_as_the_tuner_has_it() -> None:
+    asked = AcceptanceCriteria(TuningRequest(read_process("P1")), RobustLimits(), 2.0)
+    usual = {spec.name: spec.default for spec in TUNER}
+    assert asked.certify == usual["verify.certify"]
+    assert asked.noise_share == usual["verify.noise_share"]
+    assert (asked.region, asked.confidence) == (usual["verify.region"], usual["verify.confidence"])
+    assert (gain_update_module.SILENT.level, gain_update_module.SILENT.step) == (0.0, 0.0)
+
+
+def test_new_gains_are_watched_for_ten_response_times(learnt: IdentificationResult) -> None:
+    running = Running(lambda _: 1.004)
+    gain_update, outcome = handed_over(running, learnt)
     gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
+    assert learnt.message in [stage.message for stage in running.stages]
     phases = list(dict.fromkeys(stage.phase for stage in running.stages))  # each design looked at is told
     assert phases[:3] == ["tuning", "verifying", "applying"]
     watched = [stage for stage in running.stages if stage.phase == "watching"]
     response_time = 2.0 / outcome.tuned.tuning.achieved.crossover
     assert watched[0].remaining + SAMPLE_TIME == pytest.approx(10.0 * response_time, abs=2 * SAMPLE_TIME)
     assert len(watched) * SAMPLE_TIME == pytest.approx(10.0 * response_time, abs=2 * SAMPLE_TIME)
+    assert {round(stage.deviation, 6) for stage in watched} == {0.004}
+    for stage in watched:
+        left = max(stage.remaining, 0.0) / (10.0 * response_time)
+        assert stage.progress == pytest.approx(1.0 - 0.25 * left, abs=1e-9)
     progress = [stage.progress for stage in running.stages]
     assert progress == sorted(progress)
     assert 0.6 < progress[0] < progress[-1] <= 1.0
@@ -304,6 +397,11 @@ def test_a_controller_in_manual_mode_is_not_tuned() -> None:
 @pytest.mark.parametrize(("control", "saturated"), [(-1.0, True), (-0.99, False), (0.99, False), (1.0, True)])
 def test_a_control_at_a_limit_is_saturated(control: float, saturated: bool) -> None:
     assert RunningController(OLD.gains, SAMPLE_TIME, -1.0, 1.0).saturated(control) == saturated
+
+
+def test_what_runs_is_gains_filter_and_weights() -> None:
+    controller = RunningController(OLD.gains, SAMPLE_TIME, -1.0, 1.0, OLD.filter, OLD.weights)
+    assert controller.running == OLD
 
 
 def test_the_range_of_the_control_is_between_its_limits() -> None:
