@@ -93,6 +93,27 @@ def test_a_domain_that_cannot_be_used_is_named(graph: Graph, domain: str) -> Non
     assert "Traceback" not in ended.stderr
 
 
+@pytest.mark.parametrize(
+    ("changes", "argument", "told"),
+    [
+        ({"HOME": None, "ROS_LOG_DIR": None, "ROS_HOME": None}, "kp:=1.0", "as HOME or as ROS_LOG_DIR"),
+        ({"HOME": "/proc/1", "ROS_LOG_DIR": None, "ROS_HOME": None}, "kp:=1.0", "as HOME or as ROS_LOG_DIR"),
+        ({"LC_ALL": "POSIX", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}, "directory:=/tmp/Maß", "LC_ALL=C.UTF-8"),
+    ],
+    ids=["no home", "a home that cannot be written", "a locale without umlauts"],
+)
+def test_surroundings_that_do_not_do_are_told_in_one_line(
+    graph: Graph, changes: dict[str, str | None], argument: str, told: str
+) -> None:
+    environment = {name: value for name, value in {**graph.environment, **changes}.items() if value is not None}
+    command = [BIN / "fopid_controller", "--ros-args", "-p", argument]
+    ended = subprocess.run(command, env=environment, timeout=100, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    (line,) = [line for line in ended.stderr.splitlines() if line.startswith("error: ")]
+    assert told in line
+    assert "Traceback" not in ended.stderr
+
+
 @pytest.mark.parametrize("executable", sorted(MODULES))
 def test_help_tells_what_can_be_set(executable: str, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     main = importlib.import_module(MODULES[executable]).main

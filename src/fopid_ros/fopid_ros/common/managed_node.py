@@ -335,6 +335,8 @@ def run(
 def refuse_other_arguments(args: Sequence[str], own: Sequence[str] = ()) -> None:
     """Raise InputError for an argument that ROS would leave to the node, and that the node does not have (``own``).
 
+    Nor may one hold bytes that are no text in the process's locale.
+
     Examples
     --------
     >>> refuse_other_arguments(["--kp", "2"])
@@ -342,6 +344,13 @@ def refuse_other_arguments(args: Sequence[str], own: Sequence[str] = ()) -> None
     ...
     fopid_core.errors.InputError: argument '--kp'; allowed: --help, and parameters as in --ros-args -p kp:=VALUE
     """
+    for given in args:
+        try:
+            given.encode()
+        except UnicodeEncodeError:
+            raise InputError(
+                f"argument {given!r}; allowed: a text that the locale knows, as LC_ALL=C.UTF-8 does"
+            ) from None
     for other in remove_ros_args(["node", *args])[1:]:
         if other in own:
             continue
@@ -370,7 +379,8 @@ def run_all(
                 at = f"{node.get_fully_qualified_name()}: " if len(makers) > 1 else ""
                 node.start()
     except (InputError, InvalidNodeNameException, InvalidNamespaceException, RCLError) as error:
-        print(f"error: {at}{' '.join(str(error).split())}", file=sys.stderr)
+        hint = "; allowed: a folder that can be written, as HOME or as ROS_LOG_DIR" if "logging" in str(error) else ""
+        print(f"error: {at}{' '.join(str(error).split())}{hint}", file=sys.stderr)
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
