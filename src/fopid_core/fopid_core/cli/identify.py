@@ -20,7 +20,12 @@ if TYPE_CHECKING:
 
 @click.command("identify", context_settings=ARGUMENTS)
 @click.argument("record", type=click.Path(path_type=Path))
-@click.option("--template", default="all", show_default=True, help="foptd, soptd, nioptd1, nioptd2, rational:N/M, all.")
+@click.option(
+    "--template",
+    default="all",
+    show_default=True,
+    help="foptd, soptd, nioptd1, nioptd2, rational:N/M, unstable:N, all.",
+)
 @click.option("--control-before", type=float, metavar="X", help="The control at rest before the record, if known.")
 @click.option("--from", "first", type=float, default=-math.inf, metavar="S", help="Use the record from here on.")
 @click.option("--to", "last", type=float, default=math.inf, metavar="S", help="Use the record up to here.")

@@ -236,6 +236,8 @@ def tune_recorded(
 
     request, tuned = _quiet(identified, request, given, limits, bounds, clock, refused)
     success, told = tuned.success, f"{doubt}; {tuned.message}" if doubt else tuned.message
+    if not success and method != "time" and best.structure.runs_away:
+        told = f"{told}; a process that runs away is a case for tune time"
     if success and tuned.tuning is not None and (moved := control_noise(best.process, tuned.tuning, bounds)):
         told = f"{told}; noise moves the control by {moved:.3g}"
         if moved > bounds.control_from_noise and _is_free(request, given):

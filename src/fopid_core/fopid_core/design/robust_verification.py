@@ -158,7 +158,8 @@ def plausible_processes(identified: IdentificationResult, limits: RobustLimits, 
         and (model.whiteness.white or not best.whiteness.white)
         and model.fit_pct >= LEAST_FIT
         and model.deviation <= MOST_DEVIATION
-        and process_stability(model.process).stable
+        and model.structure.runs_away == best.structure.runs_away
+        and (model.structure.runs_away or process_stability(model.process).stable)
     ]
     drawn = best.sample(limits.samples, limits.seed)
     return behind_hold((best.process, *drawn, *others), hold)

@@ -10,7 +10,8 @@ import numpy as np
 from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, identify
 from fopid_core.design.identification.quality import fit_pct
 from fopid_core.design.identification.record import Record
-from fopid_core.design.identification.response import InitialCondition, RecordResponse
+from fopid_core.design.identification.response import InitialCondition
+from fopid_core.design.identification.runaway import response_to
 from fopid_core.design.specification import Clock
 from fopid_core.model.arrays import Floats
 
@@ -60,9 +61,9 @@ def model_residual(model: IdentifiedModel, record: Record, loads: tuple[float, .
     """
     structure, x, gains = model.structure, model.numbers, model.gains
     start = InitialCondition(float(record.control[0]), step=True, free=True, ramp=True, loads=loads)
-    response = RecordResponse(record, structure, start)
+    response = response_to(record, structure, start)
     columns = response.columns(x)
-    left = response.measurement - columns[:, : gains.size] @ gains
+    left = response.target(x) - columns[:, : gains.size] @ gains
     begun = columns[:, gains.size :]
     sizes = np.maximum(np.linalg.norm(begun, axis=0), 1e-300)
     coefficients = np.linalg.lstsq(begun / sizes, left, rcond=1e-6)[0]

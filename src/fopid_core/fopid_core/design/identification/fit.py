@@ -111,7 +111,7 @@ def at(response: RecordResponse, x: Floats, rows: Booleans) -> Fit:
     projection = _Projection(response, rows)
     error = float(np.sqrt(np.mean(projection.residual(x) ** 2)))
     coefficients = projection.coefficients
-    return Fit(response, x, coefficients, response.measurement - projection.columns @ coefficients, error, rows)
+    return Fit(response, x, coefficients, response.target(x) - projection.columns @ coefficients, error, rows)
 
 
 class _Projection:
@@ -119,7 +119,6 @@ class _Projection:
 
     def __init__(self, response: RecordResponse, rows: Booleans) -> None:
         self._response, self._rows = response, rows
-        self._target = response.measurement[rows]
 
     def residual(self, x: Floats) -> Floats:
         self.columns: Floats = self._response.columns(x)
@@ -128,9 +127,10 @@ class _Projection:
         left, values, right = np.linalg.svd(columns / sizes, full_matrices=False)
         kept = values > _DEPENDENT * values[0]
         self._left = left[:, kept]
-        explained = self._left.T @ self._target
+        target = self._response.target(x)[self._rows]
+        explained = self._left.T @ target
         self.coefficients: Floats = right[kept].T @ (explained / values[kept]) / sizes
-        residual: Floats = self._target - self._left @ explained
+        residual: Floats = target - self._left @ explained
         return residual
 
     def jacobian(self, x: Floats) -> Floats:

@@ -18,7 +18,7 @@ from fopid_core.design.defaults import PHASE_MARGIN, gain_sign, natural_crossove
 from fopid_core.design.identification.coloured_noise import fit_in_coloured_noise
 from fopid_core.design.identification.excitation import LEAST_SHARE, MOST_MISSED, external_share, missed_share
 from fopid_core.design.identification.fit import Fit, fit
-from fopid_core.design.identification.initial_estimates import initial_parameters, rough_fit
+from fopid_core.design.identification.initial_estimates import initial_conditions, initial_parameters, rough_fit
 from fopid_core.design.identification.quality import (
     Whiteness,
     covariance,
@@ -29,8 +29,14 @@ from fopid_core.design.identification.quality import (
 )
 from fopid_core.design.identification.record import Record, validation_samples
 from fopid_core.design.identification.response import InitialCondition, RecordResponse
+from fopid_core.design.identification.runaway import response_to, runaway_fits
 from fopid_core.design.identification.sampling import sampled_processes
-from fopid_core.design.identification.structure import TEMPLATE_STRUCTURES, Structure, structure_of
+from fopid_core.design.identification.structure import (
+    TEMPLATE_STRUCTURES,
+    UNSTABLE_STRUCTURES,
+    Structure,
+    structure_of,
+)
 from fopid_core.design.specification import Clock
 from fopid_core.model.arrays import Floats
 from fopid_core.model.process import Process
@@ -45,6 +51,8 @@ NOISES, MISSED_IN_NOISE, LEAST_FIT_IN_NOISE = 1.5, 0.1, 50.0
 what an experiment has moved, and still explains so much [%]."""
 MOST_DEVIATION = 0.25
 """Largest standard deviation of the model at its natural crossover, as a share of its size."""
+MOST_UNSURE = 0.3
+"""Largest standard deviation of an unstable pole, as a share of it."""
 SHORTEST = 3.0
 """A record must last at least this over the natural crossover [rad]."""
 FASTEST = 0.5
@@ -152,9 +160,14 @@ class IdentifiedModel:
         return self._fit.gains
 
     @property
+    def first_deviation(self) -> float:
+        """Standard deviation of the first free number: of one that runs away, that of its time, as a share of it."""
+        return math.sqrt(float(self._covariance[0, 0]))
+
+    @property
     def simulated(self) -> tuple[Floats, Floats, Floats]:
         """Instants [s], the measurement there, and what the model makes of the control; of long records averages."""
-        measured = self._fit.response.measurement
+        measured = self._fit.response.measurement  # of one that runs away the prediction, a sample ahead
         return self._fit.response.time, measured, measured - self._fit.residual
 
     @property
@@ -212,7 +225,8 @@ def identify(
     record : Record
     template : str
         ``foptd``, ``soptd``, ``nioptd1``, ``nioptd2``; ``all`` of them, and richer ones where these miss something;
-        ``rational:N/M`` with a denominator of order N and a numerator of order M; or several with commas.
+        ``rational:N/M`` with a denominator of order N and a numerator of order M; ``unstable:N`` with one of N poles
+        on the right; or several with commas.
     clock : callable
         Gives the time [s].
     noise : float
@@ -224,7 +238,8 @@ def identify(
     Returns
     -------
     IdentificationResult
-        Unsuccessful when the record carries too little information.
+        Unsuccessful when the record carries too little information, or shows a process that runs away with no loop
+        to hold it.
 
     Raises
     ------
@@ -252,9 +267,18 @@ def identify(
     if template == "all" and _miss_something(record, models, noise):
         models += _models(record, rough, [structure_of(name) for name in RICHER])
     best = _preferred(models)
-    if disturbances and _explains_little(best) and record.is_regular and best.fitted.rows.size == record.time.size:
+    unstable: tuple[IdentifiedModel, ...] = ()
+    if template == "all" and _may_run_away(record, best, noise):
+        unstable = _models(record, rough, list(UNSTABLE_STRUCTURES.values()))
+        models += unstable
+        best = _preferred(tuple(m for m in unstable if not _refusal(record, m, noise)) or (best,))
+    may_be_coloured = disturbances and not best.structure.runs_away
+    if may_be_coloured and _explains_little(best) and record.is_regular and best.fitted.rows.size == record.time.size:
         best = _in_coloured_noise(record, best)
     refusal = _refusal(record, best, noise)
+    if refusal and unstable and _preferred(unstable).fit_pct > max(best.fit_pct, LEAST_FIT):
+        best = _preferred(unstable)  # it tells more of what is amiss
+        refusal = _refusal(record, best, noise)
     return IdentificationResult(not refusal, refusal or _told(best), models, best, clock() - begun)
 
 
@@ -274,7 +298,7 @@ def refit(
         Numbers of the structure from which the fit begins; the best end counts.
     """
     begun = time.perf_counter()
-    response = RecordResponse(record, model.structure, start, _COARSE)
+    response = response_to(record, model.structure, start, _COARSE)
     rows = ~validation_samples(response.time.size)
     best = _model(record, min((fit(response, begin, rows, 40, 1e-5) for begin in begins), key=_unstable_last))
     refusal = _refusal(record, best, 0.0)
@@ -309,13 +333,17 @@ def _in_coloured_noise(record: Record, best: IdentifiedModel) -> IdentifiedModel
 def _models(record: Record, rough: Fit, structures: list[Structure]) -> tuple[IdentifiedModel, ...]:
     coarse: list[Fit] = []
     models = []
-    for structure in structures:
+    for structure in [each for each in structures if not each.runs_away]:
         begin = RecordResponse(record, structure, rough.response.start, _COARSE)
         rows = ~validation_samples(begin.time.size)
         tried = [fit(begin, start, rows, _FIRST_LOOK, 1e-4) for start in initial_parameters(structure, rough, coarse)]
         chosen = min(tried, key=_unstable_last)
         coarse.append(fit(begin, chosen.x, rows, 40, 1e-5))
         models.append(_model(record, coarse[-1]))
+    if any(each.runs_away for each in structures):
+        starts = initial_conditions(record)
+        unstable = runaway_fits(record, tuple(dict.fromkeys((starts[0], starts[-1]))))
+        models += [_model(record, each) for each in unstable if each.structure in structures]
     return tuple(models)
 
 
@@ -325,11 +353,19 @@ def _unstable_last(found: Fit) -> tuple[bool, float]:
 
 def _model(record: Record, coarse: Fit) -> IdentifiedModel:
     """Fitted without the samples held back, judged on them, and then fitted to all."""
-    response = RecordResponse(record, coarse.structure, coarse.response.start)
+    response = response_to(record, coarse.structure, coarse.response.start)
     judges = validation_samples(response.time.size)
     trained = fit(response, coarse.x, ~judges, 12, 1e-6)
     found = fit(response, trained.x, np.ones_like(judges), 3, 1e-6)
     return _judged(found, found, fit_pct(response.measurement[judges], trained.residual[judges]), record.span)
+
+
+def _may_run_away(record: Record, best: IdentifiedModel, noise: float) -> bool:
+    """Whether a process with an unstable pole could explain what no other does."""
+    if _grows(record):
+        return False
+    missing = not best.whiteness.white and best.whiteness.correlation > MATTERS and best.fit_pct < GOOD_FIT
+    return missing or bool(_refusal(record, best, noise))
 
 
 def _judged(found: Fit, white: Fit, explained: float, span: float) -> IdentifiedModel:
@@ -345,7 +381,7 @@ def _judged(found: Fit, white: Fit, explained: float, span: float) -> Identified
         parameter_covariance=named,
         fit_pct=explained,
         whiteness=whiteness(white.residual[white.rows]),
-        noise=found.error,
+        noise=found.error / found.response.level(found.x),
         crossover=crossover,
         deviation=deviation,
         _fit=found,
@@ -423,7 +459,13 @@ def _refusal(record: Record, best: IdentifiedModel, noise: float) -> str:
     if _explains_little(best) and (not known_rest or best.fit_pct < LEAST_FIT_IN_NOISE):
         return f"the control explains only {max(best.fit_pct, 0.0):.0f} % of the measurement: {_advice(record)}"
     if not process_stability(best.process).stable:
-        return f"the model that fits best is unstable: {_STABILISE}"
+        if not best.structure.runs_away or _grows(record):
+            return f"the model that fits best is unstable: {_STABILISE}"
+        if not _is_unstable_for_sure(best, noise):
+            return (
+                "the loop may hold a process that runs away, but what disturbs it hides how fast: "
+                f"{_LARGER}, and without disturbances"
+            )
     runs_away = f"; if it runs away, {_STABILISE}" if _grows(record) else ""
     needed = SHORTEST / best.crossover
     if needed > record.span:
@@ -437,6 +479,12 @@ def _refusal(record: Record, best: IdentifiedModel, noise: float) -> str:
             f"would work; record longer, with larger moves of the control, or with a PRBS experiment{runs_away}"
         )
     return ""
+
+
+def _is_unstable_for_sure(best: IdentifiedModel, noise: float) -> bool:
+    """Whether the unstable pole stands out of the noise, and what is left is noise: its predictor hides loads."""
+    known = best.first_deviation <= MOST_UNSURE
+    return known and (best.whiteness.white or best.noise <= NOISES * noise or best.fit_pct >= GOOD_FIT)
 
 
 def _missed(record: Record, best: IdentifiedModel) -> float:

@@ -21,7 +21,7 @@ _DAMPING = 20.0
 _SUDDEN = 3.0
 """Step responses that start with a higher power of time than this are smooth enough as they are; those that start with
 a jump belong to the free response, whose shape is no more than a guess."""
-_MOST_CELLS = 8192
+MOST_CELLS = 8192
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class RecordResponse:
         With more samples than this, averages over blocks of samples stand for them.
     """
 
-    def __init__(self, record: Record, structure: Structure, start: InitialCondition, most: int = _MOST_CELLS) -> None:
+    def __init__(self, record: Record, structure: Structure, start: InitialCondition, most: int = MOST_CELLS) -> None:
         self.structure, self.start = structure, start
         self._record, self._most = record, most
         time, self.measurement = record.averaged(most)
@@ -122,6 +122,16 @@ class RecordResponse:
         signals = self._signals(np.stack(spectra))
         ramp = [self.time / self.time[-1]] if self.start.ramp else []
         return np.column_stack([signals, np.ones(len(signals)), *ramp])
+
+    def target(self, x: Floats) -> Floats:
+        """What ``columns(x)`` are fitted to, shape (n,)."""
+        del x  # the same for all
+        return self.measurement
+
+    def level(self, x: Floats) -> float:
+        """How many times as large as the noise of the measurement that in ``target(x)`` is."""
+        del x
+        return 1.0
 
     def slopes(self, x: Floats, coefficients: Floats) -> Floats:
         """Derivatives of ``columns(x) @ coefficients`` with respect to x, shape (n, len(x))."""

@@ -1,7 +1,8 @@
 """Model structures that can be learnt: what is linear in them, what is not, and which process their numbers make.
 
 Every structure is ``(g_0 + g_1 s + ...) exp(-L s)`` over a product of sections
-``(tau s)^alpha + c (tau s)^beta + 1``. The g are linear; log tau, log c, alpha, beta of each section and L are not.
+``(tau s)^alpha + c (tau s)^beta + 1``, or ``tau s - 1`` first. The g are linear; log tau, log c, alpha, beta of each
+section and L are not.
 """
 
 from __future__ import annotations
@@ -25,28 +26,34 @@ _LOG_C = (math.log(0.01), math.log(100.0))
 _ALPHA, _BETA = (0.4, 3.0), (0.1, 2.0)
 _ONE_ALPHA = (0.4, 1.95)
 """Orders that are looked at; with one power of s alone, 2 is the border of stability."""
+_FASTEST_RUNAWAY = 2.0
+"""A process does not run away by a factor of e in fewer samples than this."""
 _RATIONAL = re.compile(r"rational:(\d+)(?:/(\d+))?")
 
 
 @dataclass(frozen=True)
 class Section:
-    """``(tau s)^alpha + c (tau s)^beta + 1``; an order that is None is free, without ``damped`` there is no c."""
+    """``(tau s)^alpha + c (tau s)^beta + 1``; an order that is None is free, without ``damped`` there is no c.
+
+    With ``end`` -1 in place of the 1 it runs away; with 0 it is ``s``, an integrator, and has no number.
+    """
 
     alpha: float | None
     beta: float | None = None
     damped: bool = False
+    end: float = 1.0
 
     @property
     def names(self) -> tuple[str, ...]:
         """Its free numbers."""
-        free = (True, self.damped, self.alpha is None, self.damped and self.beta is None)
+        free = (self.end != 0.0, self.damped, self.alpha is None, self.damped and self.beta is None)
         return tuple(n for n, is_free in zip(("log_tau", "log_c", "alpha", "beta"), free, strict=True) if is_free)
 
     def numbers(self, x: Floats) -> tuple[float, float, float, float]:
         """Log tau, log c, alpha and beta, from the free ones."""
         given = dict(zip(self.names, x.tolist(), strict=True))
         return (
-            given["log_tau"],
+            given.get("log_tau", 0.0),
             given.get("log_c", -math.inf),
             given.get("alpha", self.alpha or 0.0),
             given.get("beta", self.beta or 0.0),
@@ -58,13 +65,15 @@ class Section:
         z: Complexes = log_s + log_tau
         first: Complexes = np.exp(alpha * z)
         second: Complexes = np.exp(beta * z + log_c) if self.damped else np.zeros_like(first)
-        value = first + second + 1.0
+        value = first + second + self.end
         slopes = {"log_tau": alpha * first + beta * second, "log_c": second, "alpha": first * z, "beta": second * z}
         return value, [slopes[name] / value for name in self.names]
 
 
 LAG = Section(alpha=1.0)
 PAIR = Section(alpha=2.0, beta=1.0, damped=True)
+RUNAWAY = Section(alpha=1.0, end=-1.0)
+INTEGRATOR = Section(alpha=1.0, end=0.0)
 
 
 @dataclass(frozen=True)
@@ -83,6 +92,11 @@ class Structure:
     name: str
     sections: tuple[Section, ...]
     zeros: int = 0
+
+    @property
+    def runs_away(self) -> bool:
+        """Whether it has an unstable pole, the first number's."""
+        return self.sections[0].end < 0.0
 
     @cached_property
     def free(self) -> tuple[str, ...]:
@@ -107,7 +121,8 @@ class Structure:
         order = log_lead = log_rate = 0.0
         for section, place in zip(self.sections, self._places, strict=True):
             log_tau, _, alpha, _ = section.numbers(x[place])
-            order, log_lead, log_rate = order + alpha, log_lead + alpha * log_tau, max(log_rate, -log_tau)
+            order, log_lead = order + alpha, log_lead + alpha * log_tau
+            log_rate = max(log_rate, -log_tau) if section.end else log_rate
         return order, log_lead, math.exp(log_rate)
 
     def bounds(self, sample_time: float, span: float) -> tuple[Floats, Floats]:
@@ -122,6 +137,8 @@ class Structure:
         }
         pairs = [_ONE_ALPHA if one else ranges[name] for name, one in zip(self.free, alone, strict=True)]
         low, high = np.array(pairs).T
+        if self.runs_away:
+            low[0] = math.log(_FASTEST_RUNAWAY * sample_time)
         return low, high
 
     def parameters(self, x: Floats, gains: Floats) -> dict[str, float]:
@@ -145,7 +162,8 @@ class Structure:
             return TEMPLATES[self.name].process(parameters)
         numerator = [parameters[f"b{j}"] for j in range(self.zeros, -1, -1)]
         order = sum(name.startswith("a") for name in parameters)
-        denominator = [*(parameters[f"a{j}"] for j in range(order, 0, -1)), 1.0]
+        end = math.prod(section.end for section in self.sections)
+        denominator = [*(parameters[f"a{j}"] for j in range(order, 0, -1)), end]
         delayed = QuasiPolynomial.polynomial(numerator).shifted(delay=parameters["L"])
         return Process(delayed, QuasiPolynomial.polynomial(denominator))
 
@@ -158,7 +176,7 @@ class Structure:
         for section, place in zip(self.sections, self._places, strict=True):
             log_tau, log_c, _, _ = section.numbers(x[place])
             tau = math.exp(log_tau)
-            factor = [tau**2, math.exp(log_c) * tau, 1.0] if section.damped else [tau, 1.0]
+            factor = [tau**2, math.exp(log_c) * tau, 1.0] if section.damped else [tau, section.end]
             coefficients = np.convolve(coefficients, factor)
         return coefficients
 
@@ -169,10 +187,19 @@ TEMPLATE_STRUCTURES = {
     "soptd": Structure("soptd", (PAIR,)),
     "nioptd2": Structure("nioptd2", (Section(alpha=None, beta=None, damped=True),)),
 }
+UNSTABLE_STRUCTURES = {
+    "unstable:1": Structure("unstable:1", (RUNAWAY,)),
+    "unstable:2i": Structure("unstable:2i", (RUNAWAY, INTEGRATOR)),
+    "unstable:2": Structure("unstable:2", (RUNAWAY, LAG)),
+    "unstable:3": Structure("unstable:3", (RUNAWAY, PAIR)),
+}
+"""One pole on the right: alone, beside an integrator, a lag, two lags."""
 
 
 def structure_of(name: str) -> Structure:
     """A template by its name, or ``rational:N/M``: denominator of order N, numerator of order M (0 when not given).
+
+    ``unstable:N`` has one unstable pole among its N, ``unstable:2i`` an integrator as well.
 
     Examples
     --------
@@ -181,7 +208,10 @@ def structure_of(name: str) -> Structure:
     """
     if name in TEMPLATE_STRUCTURES:
         return TEMPLATE_STRUCTURES[name]
-    allowed = f"{', '.join(TEMPLATE_STRUCTURES)}, rational:N or rational:N/M with M < N <= {MOST_ORDER}"
+    if name in UNSTABLE_STRUCTURES:
+        return UNSTABLE_STRUCTURES[name]
+    known = ", ".join((*TEMPLATE_STRUCTURES, *UNSTABLE_STRUCTURES))
+    allowed = f"{known}, rational:N or rational:N/M with M < N <= {MOST_ORDER}"
     match = _RATIONAL.fullmatch(name)
     order, zeros = (int(match[1]), int(match[2] or 0)) if match else (0, 0)
     if not zeros < order <= MOST_ORDER:
