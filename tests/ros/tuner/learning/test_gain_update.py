@@ -139,7 +139,27 @@ def quiet() -> Any:
 def test_a_design_that_leaves_too_few_ticks_is_refused(learnt: IdentificationResult) -> None:
     outcome = handover_of(Running(lambda _: 1.0), delay_margin_min=1e4).design(learnt)
     assert not outcome.success
+    assert outcome.message.startswith("nothing was changed: ")
     assert "is below 100 s (verify.ticks)" in outcome.message
+
+
+def test_noise_may_move_the_control_by_a_share_of_its_range(
+    learnt: IdentificationResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Any] = []
+
+    def stopped(*asked: Any, **_: Any) -> None:
+        seen.append(asked[3])
+        raise CancelledError
+
+    monkeypatch.setattr(gain_update_module, "improve", stopped)
+    gain_update = handover_of(Running(lambda _: 1.0))
+    gain_update._controller = replace(gain_update._controller, control_min=-1.0, control_max=3.0)
+    gain_update._criteria = replace(gain_update._criteria, noise_share=0.02)
+    with pytest.raises(CancelledError):
+        gain_update.design(learnt)
+    assert seen[0].control_movement == pytest.approx(0.08)
+    assert seen[0].gains == OLD.gains
 
 
 @pytest.mark.parametrize(
@@ -152,9 +172,11 @@ def test_gains_are_held_to_the_record_where_it_speaks_against_the_model(
     further = lfilter([0.0, 0.02 / lag], [1.0, 0.02 / lag - 1.0], moves) if lag else moves
     measured = gain * lfilter([0.0, 0.04], [1.0, -0.96], further)
     record = Record(0.02 * np.arange(600), moves, measured + 0.002 * np.random.default_rng(1).standard_normal(600))
-    gain_update = handover_of(Running(lambda _: 1.0))
+    running = Running(lambda _: 1.0)
+    gain_update = handover_of(running)
     gain_update._criteria = replace(gain_update._criteria, limits=RobustLimits(samples=1))
     outcome = gain_update.design(learnt, record=record)
+    assert running.stages[1].message.startswith("the model leaves what the record shows")
     told = outcome.message.removeprefix("nothing was changed: ")
     assert outcome.success == success
     assert told.startswith("the model leaves what the record shows without one at")
