@@ -76,7 +76,7 @@ class Row:
         return f"{mean:.3g}{scatter}"
 
 
-def rows(name: str, seed: int = 1) -> Iterator[Row]:
+def rows(name: str, seed: int = 1, until_known: bool = False) -> Iterator[Row]:
     """All that is compared on a plant but the best known, autotuning last."""
     exhibit = GALLERY[name]
     yield Row("start", judge(name, {}))
@@ -85,7 +85,7 @@ def rows(name: str, seed: int = 1) -> Iterator[Row]:
         yield from _simc(name, rule)
     for label, pid in amigo(test, exhibit.sample_time).items():
         yield Row(label, _judged(name, pid, test.safe), test.lasted)
-    yield autotuned(name, seed)
+    yield autotuned(name, seed, until_known)
 
 
 def best_known(name: str) -> Iterator[Row]:
@@ -117,7 +117,7 @@ def _also(seen: Judgements, safe: bool) -> Judgements:
     return Judgements(tuple(replace(run, safe=run.safe and safe) for run in seen.runs))
 
 
-def autotuned(name: str, seed: int = 1) -> Row:
+def autotuned(name: str, seed: int = 1, until_known: bool = False) -> Row:
     """With what the tuner makes of it; as it began, where that refuses."""
     exhibit = GALLERY[name]
     loop = VirtualLoop(exhibit, seed, longest=100.0 * exhibit.horizon)
@@ -125,7 +125,7 @@ def autotuned(name: str, seed: int = 1) -> Row:
     criteria = AcceptanceCriteria(
         TuningRequest(read_process("P1"), timeout=600.0), RobustLimits(2.5, math.radians(30.0)), 2.0, compare=True
     )
-    request, began = AutotuneRequest(ExperimentSettings(), "all", criteria, False), loop.time
+    request, began = AutotuneRequest(ExperimentSettings(until_known=until_known), "all", criteria, False), loop.time
     try:
         outcome = Autotuner(loop, loop, request, loop).run()  # type: ignore[arg-type]
         success, message = outcome.success, outcome.message
@@ -169,10 +169,10 @@ def _beside(ours: Judgements, other: Judgements, figure: str) -> str:
     return ratio if apart else f"{ratio} (a tie)"
 
 
-def compared(name: str, seed: int = 1) -> tuple[str, list[Row], float]:
+def compared(name: str, seed: int = 1, until_known: bool = False) -> tuple[str, list[Row], float]:
     """A plant's rows, and the processor time they took [s]."""
     began = time.process_time()
-    return name, list(rows(name, seed)), time.process_time() - began
+    return name, list(rows(name, seed, until_known)), time.process_time() - began
 
 
 def table(found: Mapping[str, list[Row]]) -> str:
@@ -197,11 +197,12 @@ def main() -> int:
     parser.add_argument("plants", nargs="*", default=list(GALLERY))
     parser.add_argument("--out", type=Path)
     parser.add_argument("--seed", type=int, default=1, help="of the sensor's noise while autotuning")
+    parser.add_argument("--until-known", action="store_true", help="experiments end once enough is known")
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     found: dict[str, Any] = {}
     with ProcessPoolExecutor(given.workers) as pool:
-        for name, seen, took in pool.map(compared, given.plants, repeat(given.seed)):
+        for name, seen, took in pool.map(compared, given.plants, repeat(given.seed), repeat(given.until_known)):
             found[name] = seen
             print(
                 *(row.line(name) for row in seen),

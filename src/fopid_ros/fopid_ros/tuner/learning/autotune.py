@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from fopid_core.design.identification.identify import identify
+from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.runtime.performance_monitor import LoopPerformance
 from fopid_ros.tuner.controller_client import ControllerClient
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
@@ -25,6 +26,8 @@ EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""
 SETTLE_SHARE, CALM_SHARE = 0.3, 0.05
 """How long the experiment may take to die out, and how long calm is asked for, in lengths of the experiment."""
+SMOOTHED_SHARE = 0.2
+"""Share of that calm over which noise is averaged out: of a hundred samples one is often beyond three deviations."""
 MOVED_SHARE = 0.5
 """The share of the allowed deviation that new gains may cause."""
 
@@ -50,6 +53,48 @@ class AutotuneRequest:
     criteria: AcceptanceCriteria
     propose_only: bool
     trial: Trial | None = None
+
+
+class Calm:
+    """For how long a deviation, noise averaged out, has been small.
+
+    Parameters
+    ----------
+    near : float
+        What is small.
+    smoothing : float
+        Time over which noise is averaged out [s].
+
+    Attributes
+    ----------
+    lasted : float
+        [s]; 0 while it is not calm.
+
+    Examples
+    --------
+    >>> calm = Calm(near=1.0, smoothing=2.0)
+    >>> for tick, deviation in enumerate([5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.5, 0.0]):
+    ...     calm.step(float(tick), deviation)
+    >>> calm.lasted
+    3.0
+    """
+
+    def __init__(self, near: float, smoothing: float) -> None:
+        self._near, self._smoothing = near, smoothing
+        self._level, self._since = math.nan, math.inf
+        self._time = -math.inf
+
+    @property
+    def lasted(self) -> float:
+        return max(self._time - self._since, 0.0) if math.isfinite(self._since) else 0.0
+
+    def step(self, time: float, deviation: float) -> None:
+        """One tick."""
+        dt = time - self._time
+        share = dt / (dt + self._smoothing) if math.isfinite(self._level) else 1.0
+        self._level = deviation if share == 1.0 else self._level + share * (deviation - self._level)
+        self._since = min(self._since, time) if abs(self._level) <= self._near else math.inf
+        self._time = time
 
 
 class Autotuner:
@@ -125,8 +170,9 @@ class Autotuner:
             return self._try_out(self._request.trial)
         began, outcome = self._tap.history.newest_time("control"), Outcome()
         self._tap.history.whole_since = began
+        sufficiency = Sufficiency(self._request.template, self._experiment.loop.noise, self._controller.sample_time)
         for _ in range(EXPERIMENTS):
-            ended = self._experiment.excite()
+            ended = self._experiment.excite(lambda: sufficiency.look(self._tap.history.record(began)))
             if ended:
                 return Outcome(message=f"the experiment was stopped, nothing was changed: {ended}")
             outcome = self._learn(began)
@@ -152,22 +198,20 @@ class Autotuner:
 
     def _settle(self) -> None:
         """Wait until the experiment has died out."""
-        near, newest = self._experiment.residual_transient(), Tick(-math.inf, 0.0, 0.0, 0.0)
-        limit, calm_since = SETTLE_SHARE * self._experiment.duration, [math.inf]
-        setpoint = self._experiment.loop.setpoint
+        limit, calm_for = SETTLE_SHARE * self._experiment.duration, CALM_SHARE * self._experiment.duration
+        calm = Calm(self._experiment.residual_transient(), SMOOTHED_SHARE * calm_for)
+        newest, setpoint = Tick(-math.inf, 0.0, 0.0, 0.0), self._experiment.loop.setpoint
         began: list[float] = []
 
         def hook(tick: Tick) -> None:
             nonlocal newest
             newest = tick
             began.append(tick.time) if not began else None
-            calm = abs(tick.measurement - setpoint) <= near
-            calm_since[0] = min(calm_since[0], tick.time) if calm else math.inf
+            calm.step(tick.time, tick.measurement - setpoint)
 
         self._tap.set_tick_hook(hook)
-        calm_for = CALM_SHARE * self._experiment.duration
         self._wait.until(
-            lambda: bool(began) and (newest.time - calm_since[0] >= calm_for or newest.time - began[0] >= limit),
+            lambda: bool(began) and (calm.lasted >= calm_for or newest.time - began[0] >= limit),
             lambda: Stage("applying", 0.72, deviation=newest.measurement - setpoint, message="letting it settle"),
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from fopid_core.design.identification.noise import resolution
@@ -47,6 +47,12 @@ SEEN_SAMPLES = 2000
 """So many of the newest samples show how a measurement is quantised."""
 TOTAL, KEPT = 2.0, 1.5
 """How long all of it takes, in lengths of the experiment, and the factor within which that is kept."""
+TOTAL_UNTIL_KNOWN = 1.2
+"""The same of an experiment that ends when enough is known."""
+LOOKS_AT = (4, 5, 6, 8, 10, 13, 17, 22)
+"""After how many holds of a prbs it is looked whether enough is known."""
+WAY_BACK = (0.5, 0.6, 0.7, 0.8, 0.9)
+"""Where a probe is on its way back and may be over before its time, since the measurement is back where it was."""
 FORESIGHT = 0.25
 """How far ahead the first probe is judged, as a share of its hold."""
 
@@ -65,12 +71,15 @@ class ExperimentSettings:
         Distance of the measurement from the setpoint that ends it.
     duration : float
         [s]
+    until_known : bool
+        Whether a ``prbs`` ends before its time once enough is known.
     """
 
     excitation: Kind = "prbs"
     amplitude: float = 0.0
     deviation_max: float = 0.0
     duration: float = 0.0
+    until_known: bool = False
 
 
 class ClosedLoopExperiment:
@@ -165,7 +174,7 @@ class ClosedLoopExperiment:
     @property
     def estimate(self) -> float:
         """How long rest, probes, experiment and what follows take [s]."""
-        return TOTAL * self.duration
+        return (TOTAL_UNTIL_KNOWN if self._wanted.until_known else TOTAL) * self.duration
 
     @property
     def fits(self) -> bool:
@@ -173,8 +182,13 @@ class ClosedLoopExperiment:
         now = self._tap.history.newest_time("control")
         return now + self.duration - self._began <= KEPT * self.estimate
 
-    def excite(self) -> str:
+    def excite(self, known: Callable[[], bool] = lambda: False) -> str:
         """Make the experiment, with larger moves than the last one if that moved too little.
+
+        Parameters
+        ----------
+        known : callable
+            Whether enough is known; asked now and then where the experiment is to end then. May take its time.
 
         Returns
         -------
@@ -191,7 +205,9 @@ class ClosedLoopExperiment:
             larger = MOST_SHARE * self.loop.deviation_max / max(self._peak, 1e-300)
             self._amplitude = min(self._amplitude * min(max(larger, 1.0), MOST_LARGER_AGAIN), self._most())
         excitation = Excitation(self._settings(self._wanted.excitation, self._amplitude, self.duration))
-        self._run_excitation(excitation, lambda: 0.1 + 0.5 * excitation.progress)
+        looks = LOOKS_AT if self._wanted.until_known and self._wanted.excitation == "prbs" else ()
+        shares = [look / EXCITATIONS["prbs"] for look in looks]
+        self._run_excitation(excitation, lambda: 0.1 + 0.5 * excitation.progress, known=lambda _: known(), looks=shares)
         return "" if excitation.completed else excitation.reason
 
     def _most(self) -> float:
@@ -214,10 +230,15 @@ class ClosedLoopExperiment:
         loop = self.loop
         amplitude = self._first_amplitude()
         seen = max(SEEN_SWINGS * loop.swing, loop.least_move)
+        looks = WAY_BACK if self._wanted.until_known else ()
+
+        def is_back(guarded: GuardedExcitation) -> bool:
+            return abs(guarded.level) <= seen
+
         for _ in range(PROBES):
             wanted = min(WANTED_SHARE * loop.deviation_max, max(WANTED_NOISES * loop.least_move, 2.0 * seen))
             excitation = Excitation(self._settings("step", amplitude, 2.0 * PROBE_SHARE * self.duration))
-            self._run_excitation(excitation, lambda: 0.05, wanted)
+            self._run_excitation(excitation, lambda: 0.05, wanted, is_back, looks)
             if not excitation.completed:
                 return excitation.reason
             self._note_resolution()
@@ -249,8 +270,11 @@ class ClosedLoopExperiment:
         kept = self._tap.history.newest_values("measurement", SEEN_SAMPLES)
         loop.noise = max(loop.noise, resolution(kept) / math.sqrt(12.0))
 
-    def _run_excitation(self, excitation: Excitation, progress: Callable[[], float], enough: float = math.inf) -> None:
-        """Run an experiment tick by tick, at the pace of the controller."""
+    def _run_excitation(
+        self, excitation: Excitation, progress: Callable[[], float], enough: float = math.inf,
+        known: Callable[[GuardedExcitation], bool] = lambda _: False, looks: Sequence[float] = (),
+    ) -> None:  # fmt: skip
+        """Run an experiment tick by tick, at the pace of the controller; at these shares of it, see what is known."""
         loop, ended, last = self.loop, threading.Event(), [0.0]
         guarded = GuardedExcitation(excitation, loop, self._foresight or FORESIGHT * excitation.settings.hold, enough)
 
@@ -266,11 +290,23 @@ class ClosedLoopExperiment:
 
         self._tap.set_tick_hook(hook)
         whole = excitation.settings.duration
-        self._wait.until(ended.is_set, lambda: Stage(
-            "exciting", progress(), (1.0 - excitation.progress) * whole,
-            self._tap.history.newest("measurement") - loop.setpoint,
-            message=f"{excitation.settings.kind} of {excitation.settings.amplitude:.3g} for {whole:.3g} s",
-        ))  # fmt: skip
+
+        def run_until(share: float) -> bool:
+            """Whether it is over when so much of it has been made."""
+            self._wait.until(lambda: ended.is_set() or excitation.progress >= share, lambda: Stage(
+                "exciting", progress(), (1.0 - excitation.progress) * whole,
+                self._tap.history.newest("measurement") - loop.setpoint,
+                message=f"{excitation.settings.kind} of {excitation.settings.amplitude:.3g} for {whole:.3g} s",
+            ))  # fmt: skip
+            return ended.is_set()
+
+        for share in looks:
+            if run_until(share):
+                break
+            if known(guarded):  # meanwhile it goes on
+                guarded.complete("enough is known")
+                break
+        run_until(math.inf)
         self._peak = guarded.peak
         if guarded.answer_time > 0.0:
             self._foresight = guarded.answer_time

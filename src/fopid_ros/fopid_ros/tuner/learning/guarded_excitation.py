@@ -36,8 +36,8 @@ class GuardedExcitation:
 
     Attributes
     ----------
-    peak : float
-        Largest deviation, noise averaged out.
+    level, peak : float
+        Deviation now, and the largest, noise averaged out.
     answer_time : float
         When half of that was reached [s]; NaN before.
     """
@@ -49,7 +49,7 @@ class GuardedExcitation:
         self._enough = enough
         self._oldest = max(OLDEST, OLDEST_TICKS * loop.controller.sample_time)
         self._scale, self._shrinks, self._braking = 1.0, 0, False
-        self._level = self._speed = 0.0
+        self.level = self._speed = 0.0
         self._last: Tick | None = None
         self._began = math.nan
         self._rise: list[tuple[float, float]] = []
@@ -75,8 +75,7 @@ class GuardedExcitation:
         if reason and not self.finished:
             self.end(reason)
         if not self.finished and self.peak >= self._enough:
-            self.excitation.cancel()
-            self.excitation.completed, self.excitation.reason = True, "moved far enough"
+            self.complete("moved far enough")
         self._brake(tick)
         return 0.0 if self.finished or self._braking else self._scale * added
 
@@ -84,6 +83,12 @@ class GuardedExcitation:
         """End it now."""
         self.excitation.cancel()
         self.excitation.reason = reason
+
+    def complete(self, reason: str) -> None:
+        """It has served its purpose before its time."""
+        if not self.finished:
+            self.excitation.cancel()
+            self.excitation.completed, self.excitation.reason = True, reason
 
     def _follow(self, tick: Tick) -> None:
         """Place and speed of the measurement, noise averaged out."""
@@ -96,11 +101,11 @@ class GuardedExcitation:
         if dt <= 0.0:
             return
         share = dt / (dt + self._smoothing)
-        moved = share * (deviation - self._level)
-        self._level += moved
+        moved = share * (deviation - self.level)
+        self.level += moved
         self._speed += share * (moved / dt - self._speed)
-        if abs(self._level) > self.peak:
-            self.peak = abs(self._level)
+        if abs(self.level) > self.peak:
+            self.peak = abs(self.level)
             self._rise.append((tick.time - self._began, self.peak))
 
     def _reason_to_end(self, tick: Tick) -> str:
@@ -113,11 +118,11 @@ class GuardedExcitation:
         return ""
 
     def _brake(self, tick: Tick) -> None:
-        most, ahead = self._loop.deviation_max, abs(self._level + self._speed * self._foresight)
+        most, ahead = self._loop.deviation_max, abs(self.level + self._speed * self._foresight)
         saturated = self._loop.controller.saturated(tick.control)
         if self._braking:
-            self._braking = saturated or max(ahead, abs(self._level)) > GO_ON_SHARE * most
-        elif saturated or max(ahead, abs(self._level)) > BRAKE_SHARE * most:
+            self._braking = saturated or max(ahead, abs(self.level)) > GO_ON_SHARE * most
+        elif saturated or max(ahead, abs(self.level)) > BRAKE_SHARE * most:
             self._braking = True
             self._scale *= SHRINK
             self._shrinks += 1

@@ -1,0 +1,60 @@
+"""An experiment may end when the record says enough, and not before."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import dlsim
+
+from fopid_core.design.identification.record import Record
+from fopid_core.design.sufficiency import Sufficiency, residence_time
+from fopid_core.model.process import Process
+
+
+def record(noise: float, ticks: int, lag: float = 5.0, delay: int = 1) -> Record:
+    """Of 2 exp(-delay s)/(lag s + 1) behind a held pseudo-random control, by its difference equation."""
+    rng = np.random.default_rng(3)
+    control = np.repeat(rng.integers(0, 2, 40), 10).astype(float)
+    pole = float(np.exp(-1.0 / lag))
+    _, measured = dlsim(
+        ([2.0 * (1.0 - pole)], [1.0, -pole], 1.0), np.concatenate([np.zeros(delay), control])[: control.size]
+    )
+    measured = measured[:, 0] + noise * rng.standard_normal(control.size)
+    return Record(np.arange(float(ticks)), control[:ticks], measured[:ticks], control_before=0.0)
+
+
+def test_one_look_is_not_enough_and_two_that_agree_are() -> None:
+    sufficiency = Sufficiency("foptd", 0.01, 1.0)
+    assert not sufficiency.look(record(0.01, 80))
+    assert "nothing to compare" in sufficiency.missing
+    assert sufficiency.look(record(0.01, 120)), sufficiency.missing
+
+
+def test_noise_asks_for_more() -> None:
+    sufficiency = Sufficiency("foptd", 1.0, 1.0)
+    assert [sufficiency.look(record(1.0, ticks)) for ticks in (60, 80)] == [False, False]
+    assert sufficiency.missing
+
+
+def test_a_process_that_changes_asks_for_more() -> None:
+    sufficiency = Sufficiency("foptd", 0.01, 1.0)
+    assert not sufficiency.look(record(0.01, 120))
+    assert not sufficiency.look(record(0.01, 130, lag=8.0))
+    assert "from what a shorter record showed" in sufficiency.missing
+
+
+def test_a_slow_end_that_was_not_seen_asks_for_more() -> None:
+    """Two looks that agree on a lag of 30 s are too early after 60 s."""
+    sufficiency = Sufficiency("foptd", 0.001, 1.0)
+    assert not sufficiency.look(record(0.001, 50, 30.0, 5))
+    assert not sufficiency.look(record(0.001, 60, 30.0, 5))
+    assert "to come to rest" in sufficiency.missing
+    assert sufficiency.look(record(0.001, 130, 30.0, 5)), sufficiency.missing
+
+
+@pytest.mark.parametrize(
+    ("text", "crossover", "seconds"),
+    [("2/(5s+1)*exp(-s)", 0.3, 6.0), ("2/((3s+1)(4s+1))", 0.2, 7.0), ("1/s", 1.0, 0.0), ("1/(s(s+1))", 1.0, 1.0)],
+)
+def test_the_residence_time_is_the_delay_and_the_lags(text: str, crossover: float, seconds: float) -> None:
+    assert residence_time(Process.parse(text), crossover) == pytest.approx(seconds, rel=0.03)

@@ -1,0 +1,60 @@
+"""An experiment that ends once enough is known is shorter, as safe, and over before it was said to be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from foreign_plants.gallery import GALLERY
+from virtual_loop import VirtualLoop
+
+from fopid_core.design.identification.identify import identify
+from fopid_core.design.sufficiency import Sufficiency
+from fopid_ros.tuner.learning.closed_loop_experiment import KEPT, ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.gain_update import read_running_controller
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+
+
+def experiment(name: str, seed: int, until_known: bool = True) -> tuple[VirtualLoop, ClosedLoopExperiment, float]:
+    """The loop after one experiment, and when it began."""
+    exhibit = GALLERY[name]
+    loop = VirtualLoop(exhibit, seed, longest=100.0 * exhibit.horizon)
+    loop.run(0.3 * exhibit.horizon)
+    baseline = LoopBaseline(read_running_controller(loop))
+    made = ClosedLoopExperiment(loop, loop, baseline, ExperimentSettings(until_known=until_known))
+    made.measure()
+    began = loop.history.whole_since = loop.history.newest_time("control")
+    sufficiency = Sufficiency("all", made.loop.noise, exhibit.sample_time)
+    assert not made.excite(lambda: sufficiency.look(loop.history.record(began)))
+    return loop, made, began
+
+
+def is_safe(name: str, loop: VirtualLoop, made: ClosedLoopExperiment) -> bool:
+    low, high = GALLERY[name].unsafe
+    far = max(abs(y - loop.setpoint) for y in loop.trace.true)
+    return low < min(loop.trace.true) <= max(loop.trace.true) < high and far < 1.2 * made.loop.deviation_max
+
+
+def test_it_is_shorter_and_what_is_learnt_is_what_the_whole_experiment_shows() -> None:
+    short, made, began = experiment("quadruple_tank", 1)
+    whole, _, whole_began = experiment("quadruple_tank", 1, until_known=False)
+    assert short.time - began < 0.6 * (whole.time - whole_began)
+    assert is_safe("quadruple_tank", short, made)
+    learnt, all_there_is = (
+        identify(loop.history.record(begin), "all", noise=made.loop.noise).best
+        for loop, begin in ((short, began), (whole, whole_began))
+    )
+    assert learnt is not None
+    assert all_there_is is not None
+    s = 1j * all_there_is.crossover * np.geomspace(0.1, 1.0, 10)
+    assert np.max(np.abs(learnt.process(s) / all_there_is.process(s) - 1.0)) < 0.15
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", GALLERY)
+def test_it_is_safe_on_all_plants_and_over_in_time(name: str) -> None:
+    loop, made, _ = experiment(name, 2)
+    assert is_safe(name, loop, made)
+    announced = loop.stages[0].remaining
+    assert announced == made.estimate < 2.0 * made.duration, "less than without"
+    assert loop.time - 0.3 * GALLERY[name].horizon <= KEPT * announced
