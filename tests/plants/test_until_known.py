@@ -28,9 +28,11 @@ def experiment(name: str, seed: int, until_known: bool = True) -> tuple[VirtualL
     return loop, made, began
 
 
-def is_safe(name: str, loop: VirtualLoop, made: ClosedLoopExperiment) -> bool:
+def is_safe(name: str, loop: VirtualLoop, made: ClosedLoopExperiment, began: float) -> bool:
+    """Within what is safe all along, and within what is allowed from the beginning of the experiment on."""
     low, high = GALLERY[name].unsafe
-    far = max(abs(y - loop.setpoint) for y in loop.trace.true)
+    ticks = zip(loop.trace.time, loop.trace.true, strict=True)
+    far = max(abs(y - loop.setpoint) for time, y in ticks if time >= began)
     return low < min(loop.trace.true) <= max(loop.trace.true) < high and far < 1.2 * made.loop.deviation_max
 
 
@@ -38,7 +40,7 @@ def test_it_is_shorter_and_what_is_learnt_is_what_the_whole_experiment_shows() -
     short, made, began = experiment("quadruple_tank", 1)
     whole, _, whole_began = experiment("quadruple_tank", 1, until_known=False)
     assert short.time - began < 0.6 * (whole.time - whole_began)
-    assert is_safe("quadruple_tank", short, made)
+    assert is_safe("quadruple_tank", short, made, began)
     learnt, all_there_is = (
         identify(loop.history.record(begin), "all", noise=made.loop.noise).best
         for loop, begin in ((short, began), (whole, whole_began))
@@ -53,8 +55,8 @@ def test_it_is_shorter_and_what_is_learnt_is_what_the_whole_experiment_shows() -
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", GALLERY)
 def test_it_is_safe_on_all_plants_and_over_in_time(name: str) -> None:
-    loop, made, _ = experiment(name, 2)
-    assert is_safe(name, loop, made)
+    loop, made, began = experiment(name, 2)
+    assert is_safe(name, loop, made, began)
     announced = loop.stages[0].remaining
     assert announced == made.estimate < 2.0 * made.duration, "less than without"
     assert loop.time - 0.3 * GALLERY[name].horizon <= KEPT * announced
