@@ -361,11 +361,11 @@ def _model(record: Record, coarse: Fit) -> IdentifiedModel:
 
 
 def _may_run_away(record: Record, best: IdentifiedModel, noise: float) -> bool:
-    """Whether a process with an unstable pole could explain what no other does."""
-    if _grows(record):
-        return False
-    missing = not best.whiteness.white and best.whiteness.correlation > MATTERS and best.fit_pct < GOOD_FIT
-    return missing or bool(_refusal(record, best, noise))
+    """Whether a process with an unstable pole is to be looked for: where no other explains the record.
+
+    Not where one leaves something: a prediction a sample ahead, by which unstable ones are fitted, flatters them.
+    """
+    return not _grows(record) and bool(_refusal(record, best, noise))
 
 
 def _judged(found: Fit, white: Fit, explained: float, span: float) -> IdentifiedModel:
