@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import Record
-from fopid_core.design.improvement import improve
+from fopid_core.design.improvement import MS_MAX, _is_beaten_by_a_lively_rule, improve
 from fopid_core.design.loop_judge import RunningGains
 from fopid_core.design.loop_worth import loop_worth, noise_gain
 from fopid_core.design.robust_verification import RobustLimits, tune_robustly
@@ -83,6 +85,17 @@ def test_of_several_methods_the_best_is_taken(learnt: IdentificationResult) -> N
     before = loop_worth(Loop(learnt.best.process, WEAK), 0.05, 50.0)
     assert best.load < before.load
     assert best.setpoint < before.setpoint
+
+
+def test_only_a_rule_that_leaves_less_and_is_nearer_to_trouble_moves_the_bound_on_ms() -> None:
+    def beaten(load: float, ms: float, *loads: float) -> bool:
+        judge: Any = SimpleNamespace(textbook=SimpleNamespace(load=load, ms=ms))
+        found: Any = [SimpleNamespace(worth=SimpleNamespace(load=each)) for each in loads]
+        return _is_beaten_by_a_lively_rule(judge, found)
+
+    assert beaten(1.0, MS_MAX + 0.3, 1.5, 1.1)
+    assert not beaten(1.0, MS_MAX + 0.3, 1.5, 0.9), "one of them leaves less"
+    assert not beaten(1.0, MS_MAX - 0.1, 1.5, 1.1), "they may be as near to trouble as the rule"
 
 
 @pytest.mark.slow

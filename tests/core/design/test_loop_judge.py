@@ -77,6 +77,19 @@ def test_where_both_leave_less_than_the_rule_half_the_movement_is_worth_some_err
     assert judge.score(replace(quieter, load=1.4 * quieter.load)) > judge.score(lively)
 
 
+def test_what_no_design_reaches_is_no_aim(judge: LoopJudge) -> None:
+    """The rule's own error then; and where none reaches that either, a quarter more than the best leaves."""
+    lively = replace(RULE, noise_gain=judge.noise_gain_aim)
+    for least, aim in ((0.3, AHEAD * RULE.load), (0.9 * RULE.load, RULE.load), (1.2 * RULE.load, 1.5 * RULE.load)):
+        judge.note_reach([replace(lively, load=load) for load in (2.0 * least, least)])
+        assert judge.load_aim == pytest.approx(aim)
+        within, beyond = (replace(lively, load=share * aim) for share in (0.99, 1.01))
+        assert judge.score(replace(within, noise_gain=0.5 * lively.noise_gain)) < judge.score(within)
+        assert judge.score(replace(beyond, noise_gain=0.5 * lively.noise_gain)) == judge.score(beyond)
+    judge.note_reach([replace(lively, load=0.6), replace(lively, load=0.1, ms=2.3)])
+    assert judge.load_aim == pytest.approx(0.75), "a design beyond the limit on max |S| reaches nothing"
+
+
 def test_more_movement_than_the_rules_counts_as_much_as_more_error_than_theirs(judge: LoopJudge) -> None:
     good = replace(RULE, load=AHEAD * RULE.load, noise_gain=judge.noise_gain_aim)
     moves = replace(good, noise_gain=1.3 * good.noise_gain)

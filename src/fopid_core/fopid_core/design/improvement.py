@@ -257,13 +257,26 @@ def _promising(
         if excess > 1.0 and in_time.noise_rms_max:  # by as much less as sampling and filters add to it
             looked_at(replace(in_time, noise_rms_max=CLEAR * in_time.noise_rms_max / excess))
     fit = [one for one in found if not one.refusal]
+    if fit and request.ms_max is None and _is_beaten_by_a_lively_rule(judge, fit):
+        best = min(fit, key=lambda one: one.score)
+        looked_at(replace(best.wanted, ms_max=judge.textbook.ms if judge.textbook else None))
+        fit = [one for one in found if not one.refusal]
+    judge.note_reach(one.worth for one in fit)
+    fit = [replace(one, score=judge.score(one.worth)) for one in fit]
     if fit and usual.noise_rms_max is not None and not usual.bounds:
         best = min(fit, key=lambda one: one.score)
         for share in QUIETER:
             looked_at(replace(best.wanted, noise_rms_max=share * best.worth.noise_gain * judge.whiter))
     for rule in RULES:
         looked_at(replace(request, method="rule", rule=rule))
+    found = [replace(one, score=judge.score(one.worth)) for one in found]
     return sorted(found, key=lambda one: (bool(one.refusal), one.score))
+
+
+def _is_beaten_by_a_lively_rule(judge: LoopJudge, fit: Sequence[_Promise]) -> bool:
+    """Whether a rule leaves less after a load than all of them, and is nearer to trouble than they may be."""
+    rule = judge.textbook
+    return rule is not None and rule.ms > MS_MAX and rule.load < min(one.worth.load for one in fit)
 
 
 def _hold_to_textbook(identified: IdentificationResult, request: TuningRequest, judge: LoopJudge) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from fopid_core.design.defaults import process_gain
@@ -92,6 +93,7 @@ class LoopJudge:
         allowed = running.control_movement / running.noise if running.noise > 0.0 else math.inf
         self.noise_gain_max, self._quietest = max(allowed, old, _LEAST), max(old, _LEAST)
         self.textbook: LoopWorth | None = None
+        self._least_load = 0.0
         self.control_peak = running.control_peak if math.isfinite(running.control_peak) else None
         self.control_rate = running.control_rate if math.isfinite(running.control_rate) else None
 
@@ -110,6 +112,23 @@ class LoopJudge:
         """Take a rule for what to beat, if it is within the limit on max |S| and leaves less error after a load."""
         if rule.ms <= self._ms_max and rule.load < (self.textbook or self.worth(self._runs)).load:
             self.textbook = rule
+
+    def note_reach(self, found: Iterable[LoopWorth]) -> None:
+        """Take designs that may be used for all that can be had: what none of them reaches is no aim."""
+        self._least_load = min((one.load for one in found if one.ms <= self._ms_max), default=0.0)
+
+    @property
+    def load_aim(self) -> float:
+        """A share of the textbook's error after a load; where nothing reaches that, the whole; then that of the best.
+
+        Nothing is aimed at without a textbook (infinite).
+        """
+        if self.textbook is None:
+            return math.inf
+        aim, least = AHEAD * self.textbook.load, self._least_load
+        if least > self.textbook.load:
+            return least / AHEAD
+        return self.textbook.load if least > aim else aim
 
     @property
     def noise_gain_aim(self) -> float:
@@ -174,7 +193,7 @@ class LoopJudge:
 
     def score(self, new: LoopWorth) -> float:
         """Errors beside those of the running gains; less control from noise is worth some of it, more load none."""
-        load = new.load / (AHEAD * self.textbook.load) if self.textbook else 0.0
+        load = new.load / self.load_aim if self.textbook else 0.0
         moves = new.noise_gain / self.noise_gain_aim
         quiet = max(moves, LEAST_SHARE) if load <= 1.0 else 1.0
         return float(
