@@ -63,7 +63,7 @@ class Sufficiency:
 
     def look(self, record: Record) -> bool:
         """Whether the record says enough; each look is at a longer one than the look before."""
-        found = identify(record, self._template, noise=self._noise)
+        found = identify(record, self._template, noise=self._noise, unstable=False)
         before, self._before = self._before, None
         if not found.success or found.best is None:
             self.missing = found.message

@@ -61,6 +61,15 @@ def test_what_a_loop_holds_is_learnt_with_a_confidence_that_contains_it(name: st
     assert model.noise == pytest.approx(0.01, rel=0.1)
 
 
+def test_who_does_not_look_for_such_a_process_finds_none() -> None:
+    """A running loop's autotuning does not, unless the process is asked for by name."""
+    held = record("1/(s-1)")
+    found = identify(held, noise=0.01, unstable=False)
+    assert not found.success
+    assert not any(model.template.startswith("unstable:") for model in found.models)
+    assert identify(held, "unstable:1", noise=0.01, unstable=False).success
+
+
 @pytest.mark.slow
 def test_gains_for_it_hold_the_true_process() -> None:
     name = "1/(s-1)"

@@ -216,7 +216,7 @@ class IdentificationResult:
 
 def identify(
     record: Record, template: str = "all", clock: Clock = time.perf_counter, noise: float = 0.0, *,
-    disturbances: bool = True,
+    disturbances: bool = True, unstable: bool = True,
 ) -> IdentificationResult:  # fmt: skip
     """Fit models to a record and judge them.
 
@@ -234,6 +234,8 @@ def identify(
         what there is, however small the moves were.
     disturbances : bool
         Whether steps of a load are looked for, and noise may have memory.
+    unstable : bool
+        Whether ``all`` looks for processes that run away, where nothing else explains the record.
 
     Returns
     -------
@@ -267,17 +269,17 @@ def identify(
     if template == "all" and _miss_something(record, models, noise):
         models += _models(record, rough, [structure_of(name) for name in RICHER])
     best = _preferred(models)
-    unstable: tuple[IdentifiedModel, ...] = ()
-    if template == "all" and _may_run_away(record, best, noise):
-        unstable = _models(record, rough, list(UNSTABLE_STRUCTURES.values()))
-        models += unstable
-        best = _preferred(tuple(m for m in unstable if not _refusal(record, m, noise)) or (best,))
+    runaways: tuple[IdentifiedModel, ...] = ()
+    if unstable and template == "all" and _may_run_away(record, best, noise):
+        runaways = _models(record, rough, list(UNSTABLE_STRUCTURES.values()))
+        models += runaways
+        best = _preferred(tuple(m for m in runaways if not _refusal(record, m, noise)) or (best,))
     may_be_coloured = disturbances and not best.structure.runs_away
     if may_be_coloured and _explains_little(best) and record.is_regular and best.fitted.rows.size == record.time.size:
         best = _in_coloured_noise(record, best)
     refusal = _refusal(record, best, noise)
-    if refusal and unstable and _preferred(unstable).fit_pct > max(best.fit_pct, LEAST_FIT):
-        best = _preferred(unstable)  # it tells more of what is amiss
+    if refusal and runaways and _preferred(runaways).fit_pct > max(best.fit_pct, LEAST_FIT):
+        best = _preferred(runaways)  # it tells more of what is amiss
         refusal = _refusal(record, best, noise)
     return IdentificationResult(not refusal, refusal or _told(best), models, best, clock() - begun)
 

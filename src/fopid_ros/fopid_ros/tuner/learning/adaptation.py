@@ -107,7 +107,7 @@ class Adaptation:
         return self._tap.history.record(now - window)
 
     def _identify_first_model(self, record: Record) -> Outcome | None:
-        found = identify(record)
+        found = identify(record, unstable=False)
         self.message = found.message
         if found.best is None or not found.success:
             return None

@@ -187,7 +187,7 @@ class Autotuner:
         """A model of all that was heard since ``began``, and gains for it."""
         self._wait.report(Stage("identifying", 0.6))
         record = self._tap.history.record(began)
-        found = identify(record, self._request.template, noise=self._experiment.loop.noise)
+        found = identify(record, self._request.template, noise=self._experiment.loop.noise, unstable=False)
         if not found.success or found.best is None:
             return Outcome(message=f"nothing was changed: {found.message}", model=found.best, models=found.models)
         loop = self._experiment.loop
