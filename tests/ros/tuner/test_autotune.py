@@ -192,6 +192,10 @@ def test_what_cannot_be_done_is_named_and_nothing_moves(loops: Any) -> None:
     loop.graph.node.create_publisher(ScalarStamped, "feedforward", 1)
     loop.graph.spin(1.0)
     assert "feedforward is published by /tester" in loop.outcome(loop.autotune()).result.message
+    loop.graph.node.create_publisher(Temperature, "actuator", 1)
+    loop.graph.spin(1.0)
+    refused = loop.outcome(loop.autotune()).result.message
+    assert "control is published by /fopid_controller and /tester; allowed: one publisher each" in refused
     assert not any(m.value for m in loop.added)
 
 

@@ -148,7 +148,8 @@ class TunerNode(ManagedNode):
         job = self._jobs.current
         state = self._stage if self._stage != "idle" or job is None else job.name
         seen = self._adaptation.message if self._adaptation else ""
-        return state, [], {
+        problems = [(one.level, one.text) for one in self._tap.rivalries()] if self._tap else []
+        return state, problems, {
             "process": self.get_parameter("process").value or "not known",
             "controller": self._controller.name,
             **({"joint": self._controller.dof} if self._controller.dof else {}),

@@ -5,9 +5,13 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.signal import lfilter
 from std_msgs.msg import Float64
 
+from fopid_core.design.identification.identify import identify
+from fopid_core.design.identification.record import Record
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
@@ -15,6 +19,7 @@ from fopid_core.model.process import read_process
 from fopid_core.model.stability import stability
 from fopid_msgs.msg import ScalarStamped, TuningResult
 from fopid_ros.common.managed_node import latched_qos
+from fopid_ros.tuner.learning.adaptation import sensor_of
 
 from ...conftest import SETTLE
 from ..test_autotune import ForeignLoop
@@ -57,6 +62,16 @@ class WorkingLoop(ForeignLoop):
 @pytest.fixture
 def working(graph: Any) -> Any:
     return partial(WorkingLoop, graph)
+
+
+@pytest.mark.parametrize("stirred", [0.0, 0.02])
+def test_new_gains_are_designed_for_the_noise_of_the_record_also_where_it_never_rests(stirred: float) -> None:
+    time, random = np.arange(0.0, 40.0, 0.05), np.random.default_rng(3)
+    noise, setpoint = 0.01 * random.standard_normal(time.size), np.where(time % 20.0 > 10.0, 1.0, 0.0)
+    control = setpoint + stirred * np.cumsum(random.standard_normal(time.size))
+    measurement = lfilter([0.0, 1.0 - np.exp(-0.05)], [1.0, -np.exp(-0.05)], control) + noise
+    record = Record(time, control, measurement, setpoint=setpoint)
+    assert sensor_of(record, identify(record)).level == pytest.approx(0.01, rel=0.15)
 
 
 @pytest.mark.slow

@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from fopid_core.design.identification.drift import drift
 from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, identify
+from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.record import Record
 from fopid_core.errors import InputError
 from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
@@ -77,7 +80,8 @@ class Adaptation:
         Raises
         ------
         InputError
-            If the controller does not answer or is in manual mode, or its gains show no time scale for the window.
+            If the controller does not answer or is in manual mode, its gains show no time scale for the window, or
+            several nodes publish a signal of the loop.
         CancelledError
             When asked to stop; gains under trial are taken back.
         """
@@ -85,6 +89,7 @@ class Adaptation:
         record = self._record_when_due(window or INTEGRAL_TIMES * integral_time(controller.gains))
         if record is None:
             return None
+        self._tap.check_that_it_is_one_loop()
         if self.model is None:
             return self._identify_first_model(record)
         seen = drift(self.model, record)
@@ -119,7 +124,8 @@ class Adaptation:
         criteria: AcceptanceCriteria, wait: LoopWait,
     ) -> Outcome:  # fmt: skip
         gain_update = GainUpdate(self._tap, self._client, wait, controller, criteria)
-        outcome = gain_update.design(found, record=record)
+        sensor, rate = sensor_of(record, found), control_rate(record, controller.control_rate_max)
+        outcome = gain_update.design(found, sensor, control_rate=rate, record=record)
         if not outcome.success or outcome.model is None:
             return outcome  # what was learnt is not taken over: the next look tries again
         if apply:
@@ -132,6 +138,30 @@ class Adaptation:
                 raise
         self.set_model(outcome.model)
         return outcome
+
+
+def sensor_of(record: Record, found: IdentificationResult) -> SensorNoise:
+    """The noise of the measurement; where it never rests in the record, what the learnt model leaves of it."""
+    sensor = sensor_noise(record)
+    if sensor.at_rest or found.best is None:
+        return sensor
+    return SensorNoise(found.best.noise, sensor.step)
+
+
+def control_rate(record: Record, most: float) -> float:
+    """How fast a unit step of the setpoint may move the control [1/s], if the largest of the record is to keep a limit.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 5.0, 0.1)
+    >>> stepped = Record(time, 0.0 * time, 0.0 * time, setpoint=5.0 * (time > 1.0) - 3.0 * (time > 3.0))
+    >>> control_rate(stepped, 10.0)
+    2.0
+    >>> control_rate(Record(time, 0.0 * time, 0.0 * time), 10.0)
+    inf
+    """
+    step = 0.0 if record.setpoint is None else float(np.abs(np.diff(record.setpoint)).max(initial=0.0))
+    return most / step if step else math.inf
 
 
 def _figures(record: Record, controller: RunningController) -> LoopPerformance:

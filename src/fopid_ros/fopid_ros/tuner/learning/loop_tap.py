@@ -22,6 +22,7 @@ from fopid_core.errors import InputError
 from fopid_core.runtime.controller import nearest_turn
 from fopid_msgs.msg import FopidState
 from fopid_ros.common.cdr import Layout
+from fopid_ros.common.diagnostics import PublisherConflicts, Rivalry
 from fopid_ros.common.managed_node import ManagedNode, loop_qos
 from fopid_ros.common.parameters import Spec
 from fopid_ros.common.signals import DEFAULT_TYPE, SignalType, signal_specs, signal_type
@@ -104,6 +105,7 @@ class LoopTap:
         # Two signals are laid over each other: both by their stamps, or both by when they came.
         self._by_stamps = bool(values["dof"]) or all(types[name].has_header for name in HEARD)
         self._wraps = values["angle_wraparound"]
+        self._conflicts = PublisherConflicts(node, ())
         if not values["history"]:
             return
         if values["dof"]:
@@ -114,6 +116,7 @@ class LoopTap:
                 self._subscribe(name, types[name])
             state = f"{values['controller']}/state"
             node.endpoints.subscription(FopidState, state, self._on_state, LISTENING, raw=True)
+        self._conflicts = PublisherConflicts(node, (state,) if values["dof"] else HEARD)
         node.endpoints.timer(REPEAT_PERIOD, self._repeat, Clock(clock_type=ClockType.STEADY_TIME))
 
     def _subscribe(self, name: str, kind: SignalType) -> None:
@@ -182,6 +185,23 @@ class LoopTap:
         with self._ticked:
             return self._ticked.wait(timeout)
 
+    def rivalries(self) -> list[Rivalry]:
+        """The signals that several nodes publish just now; on the executor's thread, once a second."""
+        return self._conflicts.check()
+
+    def check_that_it_is_one_loop(self) -> None:
+        """From a thread of its own.
+
+        Raises
+        ------
+        InputError
+            If several nodes publish a signal: what one of them does is not the answer to what the other is told.
+        """
+        contested = self._node.background.value(self.rivalries, MEETING_TIME) or []
+        sure = [one.text for one in contested if one.sure]
+        if sure:
+            raise InputError(f"{'; '.join(sure)}; allowed: one publisher each, to learn from a loop")
+
     # The addend.
 
     def begin_injection(self) -> None:
@@ -190,9 +210,10 @@ class LoopTap:
         Raises
         ------
         InputError
-            If nobody hears it, or somebody else publishes it.
+            If nobody hears it, somebody else publishes it, or several nodes publish a signal of the loop.
         """
         background = self._node.background
+        self.check_that_it_is_one_loop()
         others = background.value(self._other_authors, MEETING_TIME) or []
         if others:
             raise InputError(f"{INJECTION} is published by {', '.join(others)}; allowed: nobody, during an autotuning")
