@@ -7,6 +7,7 @@ from dataclasses import replace as with_other
 import numpy as np
 import pytest
 
+from fopid_core.design.identification.record import Record
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
@@ -16,6 +17,7 @@ from fopid_core.study.replay import MOST_SAMPLES, evenly, figures, replay
 from fopid_core.study.replayed_loop import grown_steps, simulated
 
 from .days import PROCESS, H, day
+from .replay_campaign import SAMPLES, Foreign
 
 RAN = Fopid(0.4, 0.4)
 
@@ -126,3 +128,22 @@ def test_uneven_instants_become_even_ones_with_held_controls_and_lines_of_measur
 
 def _signals(record) -> tuple:
     return record.time, record.setpoint, record.measurement, record.control
+
+
+@pytest.mark.parametrize("seed", [8, 24])
+def test_samples_that_are_lost_widen_the_bands_and_leave_the_ticks_where_they_are(seed: int) -> None:
+    plant = Foreign(seed)
+    whole = plant.run(plant.running, SAMPLES)
+    other = plant.run(plant.wanted, SAMPLES, float(whole.control[0]))
+    there = np.random.default_rng(seed).random(SAMPLES) > 0.03
+    there[[0, -1]] = True
+    rows = {name: getattr(whole, name)[there] for name in ("time", "control", "measurement", "setpoint")}
+    record = Record(**rows)
+    assert evenly(record).time == pytest.approx(whole.time)
+    assert evenly(record).control[there] == pytest.approx(whole.control[there])
+    found = replay(record, ControllerSettings(plant.wanted), seed=seed)
+    assert found.measurement is not None, found.message
+    inside = (found.measurement.low <= other.measurement) & (other.measurement <= found.measurement.high)
+    assert np.mean(inside[there]) > 0.9
+    truth = figures(*_signals(other))
+    assert found.after_low.iae <= truth.iae <= found.after_high.iae

@@ -61,14 +61,16 @@ class Flaws:
         return np.where(np.abs(away) > self.dead_band, limited - np.sign(away) * behind, before)
 
     def felt(self, control: Floats) -> Floats:
-        """What is felt of a control, shape (n,); shape (m, n)."""
+        """What is felt of a control, shape (n,), or of one for each process, shape (m, n); shape (m, n)."""
         count = np.broadcast(self.dead_band, self.slip, self.low, self.high, self.began).size
+        controls = np.atleast_2d(control)
+        controls = np.broadcast_to(controls, (max(count, len(controls)), controls.shape[1]))
         if not np.any(self.dead_band):
-            return np.clip(np.tile(control, (count, 1)), _column(self.low), _column(self.high))
-        stems = np.empty((count, control.size))
-        stem = np.clip(np.full(count, control[0]) + self.began, self.low, self.high)
-        for k, value in enumerate(control.tolist()):
-            stems[:, k] = stem = self.stem(np.full(count, value), stem)
+            return np.clip(controls, _column(self.low), _column(self.high))
+        stems = np.empty(controls.shape)
+        stem = np.clip(controls[:, 0] + self.began, self.low, self.high)
+        for k, moved in enumerate(controls.T):
+            stems[:, k] = stem = self.stem(moved, stem)
         return stems
 
     def bent(self, straight: Floats | float) -> Floats:

@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fopid_core.design.identification.identify import IdentificationResult
-from fopid_core.design.identification.record import Record
+from fopid_core.design.identification.record import REGULAR, Record
 from fopid_core.design.recorded_tuning import tune_recorded
 from fopid_core.design.response_verification import held_to_record
 from fopid_core.design.robust_verification import RobustLimits, Robustness, behind_hold, robustness
 from fopid_core.design.specification import Clock, TuningResult
 from fopid_core.errors import InputError
-from fopid_core.model.arrays import Floats
+from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import NO_FILTER
 from fopid_core.runtime.settings import ControllerSettings
@@ -155,7 +155,8 @@ def replay(
     asked = replace(limits or RobustLimits(), samples=draws, seed=seed)
     learnt = learn(even, TEMPLATE, draws, seed)
     chosen, told = _accepted(learnt, settings, tuned, asked, even)
-    day = _day(learnt, chosen, even, asked) if chosen else None
+    lost = missing(record, even.time)
+    day = _day(learnt, chosen, even, lost, asked) if chosen else None
     if chosen and day is None:
         told = "the sampled loop runs away with these gains; allowed: those that hold at this sample time"
     gains = chosen.gains if chosen else settings.gains if settings and not tuned else None
@@ -215,7 +216,9 @@ def _refusal(judged: Robustness, limits: RobustLimits) -> str:
     return f"these gains: {judged}; allowed: {within} on all of them"
 
 
-def _day(learnt: Learnt, settings: ControllerSettings, record: Record, limits: RobustLimits) -> _Day | None:
+def _day(
+    learnt: Learnt, settings: ControllerSettings, record: Record, lost: Booleans, limits: RobustLimits
+) -> _Day | None:
     """What the controller would have done; None where it runs away."""
     best, setpoint = learnt.identified.best, record.setpoint
     assert best is not None
@@ -227,7 +230,8 @@ def _day(learnt: Learnt, settings: ControllerSettings, record: Record, limits: R
         shares = np.random.default_rng(limits.seed).standard_normal((limits.samples, 1))
         grown[1:, : missed.size] += shares * missed
     flaws = _with_unseen_limits(learnt.possible.flaws, record, settings, limits.seed)
-    measurement, control = simulated(record, grown, settings, flaws)
+    lived = _may_have_been(record, lost, len(grown), limits.seed)
+    measurement, control = simulated(record, grown, settings, flaws, lived)
     reach = float(np.ptp(record.control))
     if not np.abs(control - record.control).max() <= RUNAWAY * max(reach, 1e-300):
         return None
@@ -258,17 +262,55 @@ def _with_unseen_limits(flaws: Flaws, record: Record, settings: ControllerSettin
 
 
 def evenly(record: Record) -> Record:
-    """The record at even instants: control and setpoint held, the measurement in lines; as it is where it is even."""
-    if record.time.size > MOST_SAMPLES:
-        raise InputError(f"record of {record.time.size} samples; allowed: {MOST_SAMPLES} to replay, take a part of it")
+    """The record at even instants: control and setpoint held, the measurement in lines; as it is where it is even.
+
+    Where samples are missing the control goes in a line, too: it moved at these ticks as well.
+    """
+    h = record.sample_time
+    ticks = round(record.span / h) + 1
+    if max(ticks, record.time.size) > MOST_SAMPLES:
+        raise InputError(f"record of {ticks} samples; allowed: {MOST_SAMPLES} to replay, take a part of it")
     if record.is_regular:
         return record
-    instants = record.time[0] + record.sample_time * np.arange(record.time.size)
-    latest = np.searchsorted(record.time, instants + 1e-9 * record.sample_time, side="right") - 1
+    instants = np.linspace(record.time[0], record.time[-1], ticks)
+    latest = np.searchsorted(record.time, instants + REGULAR * h, side="right") - 1
+    control, lost = record.control[latest], missing(record, instants)
+    control[lost] = np.interp(instants[lost], record.time, record.control)
     setpoint = None if record.setpoint is None else record.setpoint[latest]
     measurement = np.interp(instants, record.time, record.measurement)
-    return replace(record, time=instants, control=record.control[latest], measurement=measurement, setpoint=setpoint,
-                   excitation=None)  # fmt: skip
+    return replace(record, time=instants, control=control, measurement=measurement, setpoint=setpoint, excitation=None)
+
+
+def missing(record: Record, instants: Floats) -> Booleans:
+    """At which of even instants, shape (n,), a record has no sample.
+
+    Examples
+    --------
+    >>> time = np.delete(np.arange(40.0), [3, 4])
+    >>> [int(k) for k in np.flatnonzero(missing(Record(time, time, time), np.arange(40.0)))]
+    [3, 4]
+    """
+    next_one = np.clip(np.searchsorted(record.time, instants), 1, record.time.size - 1)
+    away = np.minimum(np.abs(instants - record.time[next_one - 1]), np.abs(record.time[next_one] - instants))
+    return np.asarray(away > 0.501 * record.sample_time)
+
+
+def _may_have_been(even: Record, lost: Booleans, count: int, seed: int) -> tuple[Floats, Floats]:
+    """Control and measurement, shapes (count, n), that a record with missing samples leaves possible; first as it is.
+
+    They are off the line between their neighbours by as much as a sample that is there is, each drawn.
+    """
+    ways = [np.tile(signal, (count, 1)) for signal in (even.control, even.measurement)]
+    beside = lost.copy()
+    beside[1:] |= lost[:-1]
+    beside[:-1] |= lost[1:]
+    beside[[0, -1]] = True
+    there = np.flatnonzero(~beside)
+    if lost.any() and there.size:
+        taken = np.random.default_rng([seed, 3]).choice(there, (count - 1, int(lost.sum())))
+        for way, signal in zip(ways, (even.control, even.measurement), strict=True):
+            way[1:, lost] += signal[taken] - 0.5 * (signal[taken - 1] + signal[taken + 1])
+    return ways[0], ways[1]
 
 
 def figures(instants: Floats, setpoint: Floats, measurement: Floats, control: Floats) -> Figures:

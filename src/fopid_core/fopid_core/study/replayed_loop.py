@@ -30,19 +30,22 @@ def grown_steps(record: Record, processes: Sequence[Process]) -> Floats:
 
 
 def simulated(
-    record: Record, grown: Floats, settings: ControllerSettings, flaws: Flaws | None = None
-) -> tuple[Floats, Floats]:
+    record: Record, grown: Floats, settings: ControllerSettings, flaws: Flaws | None = None,
+    lived: tuple[Floats, Floats] | None = None,
+) -> tuple[Floats, Floats]:  # fmt: skip
     """Measurement and control of the loop on each of m processes, shapes (m, n): the controller as it runs.
 
     It begins at the recorded control, as a change of gains does. The processes are told by how much their step
-    responses grow, shape (m, n); each has its own of the flaws.
+    responses grow, shape (m, n); each has its own of the flaws, and of the control and the measurement that were
+    ``lived``, shapes (m, n), where the record's own are not all.
     """
     assert record.setpoint is not None
     m, n = grown.shape
     grown = grown[:, ::-1]
     flaws = flaws or Flaws()
-    felt = np.broadcast_to(flaws.felt(record.control), (m, n))
-    straight = replace(flaws, bend=np.reshape(flaws.bend, (-1, 1))).straight(record.measurement)
+    controls, measured = lived or (record.control, record.measurement)
+    felt = np.broadcast_to(flaws.felt(controls), (m, n))
+    straight = replace(flaws, bend=np.reshape(flaws.bend, (-1, 1))).straight(measured)
     straight = np.broadcast_to(straight, (m, n))
     bank, stem = _begun(record, settings, m), felt[:, 0]
     measurement, control = np.tile(record.measurement, (m, 1)), np.tile(record.control, (m, 1))

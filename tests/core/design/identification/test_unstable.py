@@ -79,6 +79,7 @@ def test_gains_for_it_hold_the_true_process() -> None:
     assert worst_sensitivity(HELD[name][0], design.controller, design.filter, H) < 2.2
 
 
+@pytest.mark.slow
 def test_uneven_samples_and_long_records_are_put_on_even_instants() -> None:
     even = record("1/(s^2-1)")
     jitter = np.random.default_rng(0).uniform(-0.02, 0.02, SAMPLES) * H
@@ -130,6 +131,7 @@ def test_an_open_loop_that_runs_away_is_to_be_stabilised_first() -> None:
     assert "stabilise" in found.message
 
 
+@pytest.mark.slow
 def test_a_loop_that_goes_on_as_learnt_has_not_drifted_and_another_process_has() -> None:
     known = identify(record("1/(s-1)"), noise=0.01).best
     assert drift(known, record("1/(s-1)", seed=5)).drifted is False

@@ -221,6 +221,37 @@ def test_with_verify_region_the_proof_is_about_all_that_the_record_leaves_possib
     assert "no certificate" in gain_update.design(noisy).message  # which one draw does not show
 
 
+def test_a_proof_for_a_region_has_the_time_that_was_asked_for_and_without_one_nothing_is_applied(
+    monkeypatch: pytest.MonkeyPatch, learnt: IdentificationResult
+) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr("fopid_core.design.certificate.ellipsoid.learnt_family", lambda *region: region)
+    monkeypatch.setattr("fopid_core.design.certified_tuning.certificate_or_refusal",
+                        lambda *given: asked.append(given) or ("", "no certificate"))  # fmt: skip
+    gain_update = handover_of(Running(lambda _: 1.0))
+    wanted = replace(gain_update._criteria.tuning, timeout=7.0)
+    gain_update._criteria = replace(gain_update._criteria, tuning=wanted, region="box", confidence=0.9)
+    outcome = gain_update.design(learnt)
+    assert (outcome.success, outcome.message) == (False, "no certificate")
+    assert asked[-1][2:] == (RobustLimits().ms_max, (learnt.best, "box", 0.9), 7.0)
+
+    def none(*_: object) -> None:
+        raise InputError("the record leaves too much possible")
+
+    monkeypatch.setattr("fopid_core.design.certificate.ellipsoid.learnt_family", none)
+    outcome = gain_update.design(learnt)
+    assert (outcome.success, outcome.message) == (False, "not applied: the record leaves too much possible")
+
+
+def test_where_nothing_was_learnt_nothing_fits(learnt: IdentificationResult) -> None:
+    running = Running(lambda _: 1.0)
+    nothing = replace(learnt, success=False, message="the control stands still", best=None, models=())
+    outcome = handover_of(running).design(nothing)
+    assert not outcome.success
+    assert "the control stands still" in outcome.message
+    assert {stage.fit_pct for stage in running.stages if stage.phase == "tuning"} == {0.0}
+
+
 def test_without_it_none_is_made(learnt: IdentificationResult) -> None:
     assert handover_of(Running(lambda _: 1.0)).design(learnt).certificate == ""
 

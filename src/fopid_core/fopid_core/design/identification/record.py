@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from fopid_core.model.arrays import Booleans, Floats
 FEWEST_SAMPLES = 30
 REGULAR = 1e-3
 """Samples are evenly spaced when none is further from its place than this share of the sample time."""
+_NEAR_TICKS = 0.15
+"""Instants lie near ticks when their distances are, on the mean, no further than this from whole numbers of them."""
 _BLOCKS, _EVERY = 250, 5
 """The record is cut into about so many blocks; every fifth is held back to judge the fit."""
 
@@ -94,10 +97,23 @@ class Record:
         """From the first to the last instant [s]."""
         return float(self.time[-1] - self.time[0])
 
-    @property
+    @cached_property
     def sample_time(self) -> float:
-        """The mean distance of two instants [s], to nine digits."""
-        return float(f"{self.span / (self.time.size - 1):.9g}")
+        """The time between two ticks [s], to nine digits: of a record without ticks, the mean distance of two instants.
+
+        Where samples are missing, the others still lie near ticks; their mean distance would fall between these.
+
+        Examples
+        --------
+        >>> time = np.delete(np.arange(0.0, 10.0, 0.1), [20, 50, 51])
+        >>> Record(time, time, time).sample_time
+        0.1
+        """
+        gaps = np.diff(self.time)
+        passed = gaps / np.median(gaps)
+        ticks = np.round(passed)
+        near = float(np.mean(np.abs(passed - ticks))) < _NEAR_TICKS
+        return float(f"{self.span / (float(ticks.sum()) if near else gaps.size):.9g}")
 
     @property
     def is_regular(self) -> bool:

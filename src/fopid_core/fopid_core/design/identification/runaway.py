@@ -112,8 +112,8 @@ def evenly(record: Record, most: int) -> Record:
     if record.is_regular and record.time.size <= most:
         return record
     each = -(-record.time.size // most)
-    count = -(-record.time.size // each)
     h = each * record.sample_time
+    count = math.ceil(record.span / h + 0.5 / each)
     time = record.time[0] + h * np.arange(count)
     edges = np.append(time, time[-1] + h)
     held = np.concatenate([[0.0], np.cumsum(record.control * np.append(np.diff(record.time), record.sample_time))])
