@@ -95,6 +95,8 @@ def test_a_bag_is_identified(tmp_path: Path) -> None:
         ("Time [s],Control (V),Measurement [degC]", (0, 1, 2), ",", ".", "utf-8-sig"),
         ("time;control;measurement", (0, 1, 2), ";", ",", "utf-8"),
         ("time\tcontrol\tmeasurement", (0, 1, 2), "\t", ".", "utf-8"),
+        ("time\tcontrol\tmeasurement [°C]", (0, 1, 2), "\t", ".", "utf-16"),
+        ("time;control;measurement [°C]", (0, 1, 2), ";", ",", "cp1252"),
     ],
 )
 def test_spreadsheets_write_csv_in_many_ways(
@@ -128,6 +130,14 @@ def test_a_file_that_cannot_be_used_is_named_in_one_line(text: str, said: str, t
     assert result.exit_code == 2
     assert said in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "record.csv"
+    path.write_bytes(b"\x89PNG\r\n\x1a\n\0\0")
+    result = run(path)
+    assert result.exit_code == 2
+    assert "record.csv' is no text; allowed: csv in UTF-8, UTF-16 or Windows-1252" in result.stderr
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import math
 from collections.abc import Sequence
@@ -44,7 +45,7 @@ class CsvSignals:
 def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
     """Read a csv file.
 
-    Separated by commas, semicolons or tabs; a decimal comma where commas do not separate; times in seconds, in the
+    In UTF-8, UTF-16 or Windows-1252. Separated by commas, semicolons or tabs; a decimal comma where commas do not separate; times in seconds, in the
     unit of their header, as ISO 8601 or counted from 1970 (then from the first row on); a row of units after the
     header, or no header at all; rows with a gap are left out.
 
@@ -84,11 +85,31 @@ def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
 
 def _rows(path: Path) -> tuple[list[list[str]], str]:
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = _text(path.read_bytes()).splitlines()
         separator = next((mark for mark in ";\t" if lines and mark in lines[0]), ",")
         return [row for row in csv.reader(lines, delimiter=separator) if any(cell.strip() for cell in row)], separator
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, csv.Error) as error:
         raise InputError(f"record {str(path)!r} cannot be read: {error}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"record {str(path)!r} is no text; allowed: csv in UTF-8, UTF-16 or Windows-1252") from None
+
+
+def _text(data: bytes) -> str:
+    """What a file says: in UTF-8, in UTF-16 where it begins so, as spreadsheets write, or else in Windows-1252.
+
+    Examples
+    --------
+    >>> [_text("Stellgröße;1,5".encode(encoding)) for encoding in ("utf-8", "utf-16", "cp1252")]
+    ['Stellgröße;1,5', 'Stellgröße;1,5', 'Stellgröße;1,5']
+    """
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        if b"\0" in data:
+            raise
+        return data.decode("cp1252")
 
 
 def _found(header: Sequence[str], headed: bool, path: Path) -> dict[str, int]:
