@@ -45,9 +45,9 @@ class CsvSignals:
 def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
     """Read a csv file.
 
-    In UTF-8, UTF-16 or Windows-1252. Separated by commas, semicolons or tabs; a decimal comma where commas do not separate; times in seconds, in the
-    unit of their header, as ISO 8601 or counted from 1970 (then from the first row on); a row of units after the
-    header, or no header at all; rows with a gap are left out.
+    In UTF-8, UTF-16 or Windows-1252. Separated by commas, semicolons or tabs; a decimal comma where commas do not
+    separate; times in seconds, in the unit of their header, as ISO 8601 or counted from 1970 (then from the first row
+    on); a row of units after the header, or no header at all; rows with a gap are left out.
 
     Parameters
     ----------

@@ -26,8 +26,9 @@ REST_SHARE, LOOKS = 0.1, 10
 """Share of that length over which rest is judged, and how often meanwhile."""
 TICKS_LEAST = 20
 """So many ticks tell whether the loop rests; a busy machine may lose some."""
-PROBE_SHARE, PROBES = 1.0 / 12.0, 8
-"""Share of that length that a probe is held at most, and how many there are at most."""
+PROBE_SHARE, PROBE_SHARE_UNTIL_KNOWN, PROBES = 1.0 / 12.0, 1.0 / 24.0, 8
+"""Share of that length that a probe is held at most, also of an experiment that ends when enough is known, and how many
+there are at most."""
 FIRST_NOISES, FIRST_RANGE, FIRST_SHARE = 3.0, 0.002, 0.1
 """The first probe: what holds a deviation of so many noises, that share of the control's range, or what holds that
 share of the allowed deviation, whichever is least."""
@@ -230,14 +231,14 @@ class ClosedLoopExperiment:
         loop = self.loop
         amplitude = self._first_amplitude()
         seen = max(SEEN_SWINGS * loop.swing, loop.least_move)
-        looks = WAY_BACK if self._wanted.until_known else ()
+        looks, share = (WAY_BACK, PROBE_SHARE_UNTIL_KNOWN) if self._wanted.until_known else ((), PROBE_SHARE)
 
         def is_back(guarded: GuardedExcitation) -> bool:
             return abs(guarded.level) <= seen
 
         for _ in range(PROBES):
             wanted = min(WANTED_SHARE * loop.deviation_max, max(WANTED_NOISES * loop.least_move, 2.0 * seen))
-            excitation = Excitation(self._settings("step", amplitude, 2.0 * PROBE_SHARE * self.duration))
+            excitation = Excitation(self._settings("step", amplitude, 2.0 * share * self.duration))
             self._run_excitation(excitation, lambda: 0.05, wanted, is_back, looks)
             if not excitation.completed:
                 return excitation.reason
