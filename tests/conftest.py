@@ -19,14 +19,10 @@ OVER_ROS = {Path(__file__).parent / folder for folder in ("ros", "reliability", 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what starts ROS nodes, and try it once more when it fails; the summary counts that as a rerun.
-
-    Discovery and timers may lose against a busy neighbour on the machine.
-    """
+    """Mark what starts ROS nodes."""
     for item in items:
         if OVER_ROS.intersection(item.path.parents):
             item.add_marker(pytest.mark.ros)
-            item.add_marker(pytest.mark.flaky(reruns=1))
 
 
 def pytest_collection_finish() -> None:
