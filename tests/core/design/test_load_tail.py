@@ -6,7 +6,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from fopid_core.design.load_tail import LEFT_MAX, LoadTail, fading_time
+from fopid_core.design.load_tail import LEFT_MAX, LoadTail, fading_time, left_in_words
 from fopid_core.design.specification import TuningRequest
 from fopid_core.design.tuner import tune
 from fopid_core.model.fopid import Fopid
@@ -64,6 +64,14 @@ def test_where_that_is_not_kept_it_is_said(process: str, method: str) -> None:
     result = tune(TuningRequest(Process.parse(process), method))
     assert "a load fades slowly" in result.message
     assert result.success
+
+
+def test_what_hardly_fades_is_not_said_to_fade() -> None:
+    weak = Fopid(0.1, 0.01, 0.0, 0.05)
+    said = left_in_words(Process.parse("1/s"), weak, 1.0)
+    assert said.startswith("; a load hardly fades: after 100 s its error is ")
+    left = float(LoadTail(Process.parse("1/s"), 1.0).left(np.array([weak.gains]))[0])
+    assert said.endswith(f" {left:.2g} times the process's gain at the crossover")
 
 
 @pytest.mark.parametrize("process", ["1/s", "1/(s+1)", pytest.param("(s+2)/(s+1)", marks=pytest.mark.slow)])

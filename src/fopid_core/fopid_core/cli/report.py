@@ -33,7 +33,7 @@ def report_verb(
 ) -> None:  # fmt: skip
     """One self-contained page with plots of recorded runs, and its main figure as PNG beside it.
 
-    BAG is a rosbag2 bag, or a folder that ``fopid simulate --out`` wrote.
+    BAG is a rosbag2 bag, the folder of an experiment, or one that ``fopid simulate --out`` wrote.
     """
     from fopid_core.study.bags.bag import read_bag
     from fopid_core.study.experiments.stored import is_simulated, read_simulated

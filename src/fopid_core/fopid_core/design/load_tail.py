@@ -95,4 +95,7 @@ def left_in_words(process: Process, controller: Fopid, crossover: float) -> str:
     left = float(LoadTail(process, crossover).left(np.array([controller.gains]))[0])
     if left <= LEFT_MAX or not controller.ki:  # without an integral nobody expects that
         return ""
-    return f"; a load fades slowly: {left:.2g} of its error is left after {fading_time(process, crossover):.3g} s"
+    after = f"after {fading_time(process, crossover):.3g} s"
+    if left > 1.0:
+        return f"; a load hardly fades: {after} its error is {left:.2g} times the process's gain at the crossover"
+    return f"; a load fades slowly: {left:.2g} of its error is left {after}"

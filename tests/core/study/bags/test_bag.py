@@ -14,6 +14,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from fopid_core.errors import InputError
 from fopid_core.study.bags.bag import read_bag
+from fopid_core.study.bags.repair import repair
 
 from ..recording import BY_FREQUENCY, EXPERIMENT, IN_TIME, SAMPLE_TIME, START, Recording, record_loop
 
@@ -190,6 +191,15 @@ def test_what_is_no_bag_is_refused_in_one_line_that_names_it(tmp_path: Path, pre
         read_bag(path)
     assert "thing" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_folder_of_an_experiment_stands_for_its_bag(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "demo" / "bag", StoragePlugin.MCAP)
+    record_loop(recording)
+    recording.writer.close()
+    (tmp_path / "demo" / "experiment.yaml").touch()
+    assert read_bag(tmp_path / "demo").path == tmp_path / "demo" / "bag"
+    assert repair(tmp_path / "demo").counts
 
 
 def test_a_bag_without_the_loop_is_refused_with_what_it_has(tmp_path: Path, storage: StoragePlugin) -> None:

@@ -15,7 +15,7 @@ from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
-from fopid_core.study.bags.files import opened
+from fopid_core.study.bags.files import bag_of, opened
 from fopid_core.study.bags.topics import Recorded, read_topics
 from fopid_core.study.reports.run import ParameterChange, Phase, Run, Signal, Tuning
 
@@ -46,7 +46,7 @@ def read_bag(
     Parameters
     ----------
     path : Path or str
-        The folder of a bag, or one ``.mcap`` or ``.db3`` file.
+        The folder of a bag, or of an experiment with its ``bag``, or one ``.mcap`` or ``.db3`` file.
     namespace : str, optional
         Which loop, when the bag holds several.
     needed : sequence of str
@@ -65,7 +65,7 @@ def read_bag(
     Traceback (most recent call last):
     fopid_core.errors.InputError: bag 'no/such/bag' does not exist
     """
-    path, named = Path(path), _named(topics or {})
+    path, named = bag_of(Path(path)), _named(topics or {})
     with opened(path) as bag:
         if namespace is None:
             namespace = _only_namespace(path, [c for c in bag.connections if c.topic not in named])

@@ -24,7 +24,7 @@ from rosbags.typesys import TypesysError
 from fopid_core.errors import InputError
 from fopid_core.study.bags import mcap_repair, sqlite_repair
 from fopid_core.study.bags.expansion import check_chunks, check_index, most_bytes, refused
-from fopid_core.study.bags.rosbag2 import read_custom_data, read_file_names
+from fopid_core.study.bags.rosbag2 import METADATA_FILE, read_custom_data, read_file_names
 
 if sys.version_info >= (3, 14):  # rosbags reads with it, and with apsw
     from compression.zstd import ZstdError
@@ -37,6 +37,8 @@ STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 REPAIRED = "repaired"
 """Entry of the custom data of a bag that was cut off and has been mended."""
 
+RECORDED = "bag"
+"""The bag in the folder of an experiment."""
 COMPRESSED = ".zstd"
 _WINDOW = 2**27  # [bytes], what zstd itself takes without being asked
 
@@ -106,6 +108,13 @@ def opened(path: Path) -> Iterator[BagFiles]:
             yield BagFiles(readers, custom, all(map(is_whole, files)) and REPAIRED not in custom, most)
         except UNREADABLE as error:
             raise InputError(f"bag {str(path)!r} cannot be read: {one_line(error)}") from None
+
+
+def bag_of(path: Path) -> Path:
+    """The bag that a path means: of the folder of an experiment that in it."""
+    inner = path / RECORDED
+    within = os.access(inner, os.F_OK) and inner.is_dir() and not os.access(path / METADATA_FILE, os.F_OK)
+    return inner if within else path
 
 
 def files_of(path: Path) -> list[Path]:

@@ -17,6 +17,7 @@ from fopid_core.study.bags.files import (
     REPAIRED,
     STORAGES,
     UNREADABLE,
+    bag_of,
     decompress,
     files_of,
     is_whole,
@@ -64,6 +65,7 @@ def repair(folder: Path) -> Content:
     """
     if not (os.access(folder, os.F_OK) and folder.is_dir()):
         raise InputError(f"bag {str(folder)!r} is no folder; allowed: a folder with .mcap or .db3 files")
+    folder = bag_of(folder)
     try:
         found = files_of(folder)
         most = [most_bytes(file.stat().st_size) for file in found]
