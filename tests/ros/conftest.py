@@ -261,7 +261,9 @@ class LockstepLoop:
             return answer.success
 
         self.graph.until(reached, f"the loop at {until} s")
-        self.graph.spin(0.2)
+        heard = -1
+        while heard != (heard := len(self.measurements) + len(self.controls) + len(self.states)):
+            self.graph.spin(0.2)
 
 
 @contextmanager
