@@ -22,10 +22,8 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Through the environment, so that brackets, ^, spaces and quotes reach the command as typed.
 export PROCESS
 
-# Processes that run the fast tests: two per core, since those over ROS 2 mostly wait. The slow ones work more: one per
-# core, and one for the time in which others wait.
+# Processes that run the fast tests: two per core, since those over ROS 2 mostly wait. The slow ones work: one per core.
 WORKERS := $(shell echo $$((2 * $$(nproc))))
-WORKERS_SLOW := $(shell echo $$((1 + $$(nproc))))
 PYTEST = "$(BIN)/python" -m pytest --numprocesses $(WORKERS) --dist loadfile
 
 # `make reliability`: the share of its work that is done, where its figures go, and how many loops run side by side.
@@ -51,7 +49,7 @@ test: venv ## Run the fast tests [ARGS='-k name']
 
 .PHONY: test-slow
 test-slow: venv ## Run the tests marked slow
-	@$(PYTEST) --numprocesses $(WORKERS_SLOW) -m 'slow and not colcon and not reliability' $(ARGS)
+	@$(PYTEST) --numprocesses auto -m 'slow and not colcon and not reliability' $(ARGS)
 
 .PHONY: test-all
 test-all: venv ## Run the fast and the slow tests
