@@ -22,7 +22,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Through the environment, so that brackets, ^, spaces and quotes reach the command as typed.
 export PROCESS
 
-# Processes that run the fast tests: two per core, since those over ROS 2 mostly wait. The slow ones work: one per core.
+# Processes that run tests: two per core, since those over ROS 2 mostly wait; of the slow ones without it one per core.
 WORKERS := $(shell echo $$((2 * $$(nproc))))
 PYTEST = "$(BIN)/python" -m pytest --numprocesses $(WORKERS) --dist loadfile
 
@@ -48,8 +48,10 @@ test: venv ## Run the fast tests [ARGS='-k name']
 	@$(PYTEST) $(ARGS)
 
 .PHONY: test-slow
-test-slow: venv ## Run the tests marked slow
-	@$(PYTEST) --numprocesses auto -m 'slow and not colcon and not reliability' $(ARGS)
+test-slow: venv ## Run the tests marked slow [ARGS='-k name']
+	@core=0; $(PYTEST) --numprocesses auto -m 'slow and not (ros or colcon or reliability)' $(ARGS) || core=$$?; \
+	ros=0; $(PYTEST) -m 'slow and ros and not (colcon or reliability)' $(ARGS) || ros=$$?; \
+	[[ "$$core $$ros" =~ ^(0 [05]|5 0)$$ ]]  # 5: none of them was asked for
 
 .PHONY: test-all
 test-all: venv ## Run the fast and the slow tests
@@ -63,7 +65,7 @@ test-jazzy: ## Fast tests, every verb and the demonstration with the libraries o
 
 .PHONY: test-verbs
 test-verbs: venv ## Run each verb of the command line once
-	@$(PYTEST) -m 'slow or not slow' tests/core/cli/test_verbs.py $(ARGS)
+	@$(PYTEST) -m 'slow or not slow' tests/core/cli/test_verbs.py tests/core/study/reproduce/test_reproduction.py $(ARGS)
 
 .PHONY: coverage
 coverage: venv ## Branches that the fast tests and the slow ones of verbs, studies and nodes take [ARGS=tests/core]

@@ -11,8 +11,11 @@ import pytest
 from fopid_core.design.loop_judge import AHEAD, LoopJudge, RunningGains
 from fopid_core.design.loop_worth import LoopWorth
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.indices import indices
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
+from fopid_core.model.response import step_response
+from fopid_core.model.stability import stability
 from fopid_core.model.two_degrees import NO_FILTER, SetpointWeights
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.plant import Plant, PlantSettings
@@ -51,6 +54,17 @@ def test_a_control_that_would_move_faster_than_its_actuator_is_refused(gains: Fo
     assert not LoopJudge(process, h, RunningGains(Fopid(0.1, 0.01)), 2.2).too_fast(loop)
     lively = RunningGains(Fopid(6.0, 1.0), control_rate=0.5 * rate)
     assert not LoopJudge(process, h, lively, 2.2).too_fast(loop), "what runs moves it as fast"
+
+
+def test_what_runs_is_judged_behind_the_hold_where_only_that_tames_its_derivative() -> None:
+    """A motor learnt as a lag of order 0.993: with a derivative alone it would be unstable, far beyond the ticks."""
+    process, h = Process.parse("6.89/(s^0.993+0.0035)*exp(-0.00585s)"), 0.002
+    gains = Fopid(1.0, 0.5, 0.01)
+    assert not stability(Loop(process, gains)).stable
+    judge = LoopJudge(process, h, RunningGains(gains, noise=0.001), 2.2)
+    response = step_response(Loop(process, Fopid(1.0, 0.5)), 20.0)  # whose derivative hardly does anything
+    seen = judge.worth(Loop(judge.process, gains))
+    assert seen.setpoint == pytest.approx(indices(response.time, response.error).iae, rel=0.02)
 
 
 def test_the_rule_that_leaves_least_after_a_load_is_the_mark(judge: LoopJudge) -> None:

@@ -23,6 +23,7 @@ from fopid_core.study.bags.bag import read_bag
 from fopid_core.study.experiments.demonstration import demo_experiment
 from fopid_ros.experiment.with_nodes import only_demonstration
 
+from ...patience import FACTOR
 from ..conftest import BIN, Graph, own_domain
 
 
@@ -113,7 +114,7 @@ def test_an_interrupt_leaves_no_process_and_a_bag_that_opens(tmp_path: Path, num
         time.sleep(after)
         children = psutil.Process(demo.pid).children(recursive=True)
         demo.send_signal(number)
-        _, errors = demo.communicate(timeout=30)
+        _, errors = demo.communicate(timeout=30 * FACTOR)
     _, alive = psutil.wait_procs(children, timeout=5)
     assert not alive
     assert demo.returncode in (130, -signal.SIGTERM, 1)  # the latter two while Python itself was starting

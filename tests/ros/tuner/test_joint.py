@@ -24,6 +24,7 @@ from fopid_core.model.stability import stability
 from fopid_msgs.action import Autotune
 from fopid_msgs.srv import Tune
 
+from ...patience import FACTOR
 from ..conftest import SETTLE, Graph
 
 NAMES = ("kp", "ki", "kd", "lam", "mu")
@@ -94,7 +95,7 @@ def test_a_joint_is_learnt_tuned_and_watched_by_itself(graph: Graph, gains: Call
     graph.until(client.server_is_ready, "the action")
     handle = graph.result(client.send_goal_async(Autotune.Goal(deviation_max=0.3)))
     assert handle.accepted
-    result: Any = graph.result(handle.get_result_async(), 110.0).result
+    result: Any = graph.result(handle.get_result_async(), 110.0 * FACTOR).result
     assert result.success, result.message
     assert result.applied
     tuned = gains("elbow")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fopid_core.design.defaults import process_gain
 from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
 from fopid_core.design.loop_worth import LoopWorth, loop_worth, noise_gain
-from fopid_core.design.robust_verification import RobustTuning
+from fopid_core.design.robust_verification import RobustTuning, behind_hold
 from fopid_core.design.specification import TuningRequest, TuningResult
 from fopid_core.design.verification import control_rate
 from fopid_core.errors import InputError
@@ -80,11 +80,12 @@ class LoopJudge:
     """
 
     def __init__(self, process: Process, sample_time: float, running: RunningGains, ms_max: float) -> None:
-        self.process, self._sample_time, self.running, self._ms_max = process, sample_time, running, ms_max
+        self.process = _held_by(running, process, sample_time)
+        self._sample_time, self.running, self._ms_max = sample_time, running, ms_max
         self._judged: dict[Loop, LoopWorth] = {}
         self.crossover, self.noise_excess = 0.0, 0.0
         self.best: tuple[float, RobustTuning, TuningRequest] | None = None
-        self._runs = Loop(process, running.gains, running.filter, running.weights)
+        self._runs = Loop(self.process, running.gains, running.filter, running.weights)
         self._horizon = default_horizon(self._runs) if stability(self._runs).stable else None
         old = noise_gain(self._runs, sample_time, running.spectrum) if self._horizon else 0.0
         self.whiter = noise_gain(self._runs, sample_time) / old if running.spectrum and old else 1.0
@@ -216,6 +217,16 @@ class LoopJudge:
         if tuned.tuning is None or tuned.tuning.controller is None:
             raise InputError("a tuning without gains; allowed: one that succeeded")
         return self.worth(loop_of(self.process, tuned.tuning)), self.worth(self._runs)
+
+
+def _held_by(running: RunningGains, process: Process, sample_time: float) -> Process:
+    """The process; behind the hold of the control where what runs holds it so only.
+
+    The derivative of a lag whose order was learnt to be a little below 1 rises without end, far beyond the ticks.
+    """
+    held = behind_hold((process,), sample_time)[0]
+    alone, behind = (stability(Loop(each, running.gains, running.filter)).stable for each in (process, held))
+    return held if behind and not alone else process
 
 
 def loop_of(process: Process, tuning: TuningResult) -> Loop:

@@ -11,10 +11,11 @@ import numpy as np
 from fopid_core.design.identification.frequency_response import FrequencyResponse, frequency_response
 from fopid_core.design.identification.identify import IdentifiedModel
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
+from fopid_core.design.sampled_loop import running
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
-from fopid_core.model.two_degrees import MeasurementFilter
+from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter
 
 BEYOND = 0.05
 """A model leaves a region when it is further out than this share of the response, besides."""
@@ -73,6 +74,32 @@ def held_to_record(
     seen = _seen(record, learnt)
     doubt = contradicts(seen, learnt.process)
     return doubt, held_without_a_model(seen, learnt.process, ms_max, sample_time) if doubt else no_objection
+
+
+def contradicts_rest(process: Process, gains: Fopid, sample_time: float, slow: MeasurementFilter = NO_FILTER) -> str:
+    """How a process contradicts that some gains hold their loop at rest; empty where it does not, or nobody knows.
+
+    Parameters
+    ----------
+    process : Process
+    gains : Fopid
+        That run.
+    sample_time : float
+        Of the controller [s].
+    slow : MeasurementFilter
+        That runs with them.
+
+    Examples
+    --------
+    >>> contradicts_rest(Process.parse("1/(s+1)^3"), Fopid(kp=2.0), 0.01)
+    ''
+    >>> contradicts_rest(Process.parse("5/(s+1)^3"), Fopid(kp=2.0), 0.01)
+    'the gains that run hold the loop, and would not hold the learnt process (2 unstable poles of the sampled loop)'
+    """
+    found = running(process, gains, sample_time, slow, with_margins=False)
+    if found.stable is not False:
+        return ""
+    return f"the gains that run hold the loop, and would not hold the learnt process ({found.reason})"
 
 
 def _cut(record: Record, instants: Sequence[float]) -> Record:

@@ -235,6 +235,17 @@ def test_a_record_that_ends_too_soon_is_refused_and_says_how_long_it_should_be()
     assert "record at least" in result.message
 
 
+def test_a_model_whose_crossover_is_nowhere_in_the_record_asks_for_no_record_of_days() -> None:
+    moves = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 40), 20)
+    moved = 0.05 * np.append(0.0, np.cumsum(moves)[:-1])
+    far = 0.05 * np.append(0.0, np.cumsum(moved)[:-1])  # 1/s^2
+    far += 0.3 * far.std() * np.random.default_rng(1).standard_normal(far.size)
+    result = identify(Record(0.05 * np.arange(far.size), moves, far, control_before=0.0), "rational:3/1")
+    assert not result.success
+    assert "shows no end" in result.message
+    assert "record at least" not in result.message
+
+
 @pytest.mark.parametrize(
     ("changed", "said"),
     [

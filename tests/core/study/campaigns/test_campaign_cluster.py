@@ -45,7 +45,7 @@ class Cluster:
                 "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(self.file)
             )
         ]
-        until(self.file.exists, "the scheduler")
+        until(lambda: self.file.exists() and self.file.read_text(), "the scheduler")
         self.address = json.loads(self.file.read_text())["address"]
         self.workers = [
             self._start("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")

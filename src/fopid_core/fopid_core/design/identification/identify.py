@@ -55,6 +55,8 @@ MOST_UNSURE = 0.3
 """Largest standard deviation of an unstable pole, as a share of it."""
 SHORTEST = 3.0
 """A record must last at least this over the natural crossover [rad]."""
+UNSEEN_END = 60.0
+"""A record that would have to be so many times longer shows no crossover."""
 FASTEST = 0.5
 """A controller is not taken to work faster than this over the sample time [rad]."""
 SLOWER = 0.7
@@ -470,6 +472,8 @@ def _refusal(record: Record, best: IdentifiedModel, noise: float) -> str:
             )
     runs_away = f"; if it runs away, {_STABILISE}" if _grows(record) else ""
     needed = SHORTEST / best.crossover
+    if needed > UNSEEN_END * record.span:
+        return f"the record shows no end of what the process does: {_LARGER}{runs_away}"
     if needed > record.span:
         return (
             f"too short: {record.span:.3g} s of a process that a controller would move at {best.crossover:.3g} rad/s; "

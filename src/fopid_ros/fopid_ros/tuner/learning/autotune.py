@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from fopid_core.design.identification.identify import identify
+from fopid_core.design.response_verification import contradicts_rest
 from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.runtime.performance_monitor import LoopPerformance
 from fopid_ros.tuner.controller_client import ControllerClient
@@ -190,7 +191,11 @@ class Autotuner:
         found = identify(record, self._request.template, noise=self._experiment.loop.noise, unstable=False)
         if not found.success or found.best is None:
             return Outcome(message=f"nothing was changed: {found.message}", model=found.best, models=found.models)
-        loop = self._experiment.loop
+        loop, now = self._experiment.loop, self._controller
+        wrong = contradicts_rest(found.best.process, now.gains, now.sample_time, now.filter)
+        if wrong:
+            told = f"nothing was changed: {wrong}; record longer or with larger moves of the control"
+            return Outcome(message=told, model=found.best, models=found.models)
         every = self._request.propose_only
         return self._gain_update.design(
             found, loop.sensor, loop.control_peak, loop.control_rate, every=every, record=record
