@@ -92,8 +92,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_verb_has_its_line() -> None:
-    """All but three with tests of their own: ``benchmark`` measures its machine, ``explore`` does not end, ``reproduce``
-    takes the longest (test_reproduction.py).
+    """All but three with tests of their own: ``benchmark`` measures its machine, ``explore`` does not end,
+    ``reproduce`` takes the longest (test_reproduction.py).
     """
     assert {line.split()[0] for line in LINES} | {"benchmark", "explore", "reproduce"} == set(main.commands)
 
