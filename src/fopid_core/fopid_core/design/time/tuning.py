@@ -50,6 +50,8 @@ DRAWN_FURTHER, MOST_DRAWN_IN = 1.2, 0.5
 """A bound is drawn in by so many times what the control is above it, and by no larger share of it than the latter."""
 HALF_WAY = 0.2
 """A peak's width is where the logarithm has fallen by this."""
+NEAR = 0.5
+"""Of a bound on the control: below, only the last design is held against the exact response, which takes long."""
 MOST_POINTS = 1 << 14
 
 
@@ -165,13 +167,20 @@ def _better_problem(problem: TimeProblem, found: Descent) -> TimeProblem | None:
     peaks = _peaks_above(problem, found)
     if peaks and len(problem.watched) < MOST_WATCHED:
         return problem.changed(watched=problem.watched + peaks)
-    drawn_in = _drawn_in(problem, found)
-    if max(drawn_in) < MOST_DRAWN_IN and drawn_in != problem.drawn_in:
-        return problem.changed(drawn_in=drawn_in, watch_control=True)
     finer = problem.changed(points=2 * problem.points)
     cost = float(finer.cost_and_slack(gains)[0][0])
     is_right = abs(cost - found.cost) <= (RIGHT if bounds.objective.is_integral else ROUGHLY_RIGHT) * cost
-    return None if is_right or finer.points > MOST_POINTS else finer
+    is_last = is_right or finer.points > MOST_POINTS
+    drawn_in = _drawn_in(problem, found) if is_last or _is_near_a_bound(problem, gains) else problem.drawn_in
+    if max(drawn_in) < MOST_DRAWN_IN and drawn_in != problem.drawn_in:
+        return problem.changed(drawn_in=drawn_in, watch_control=True)
+    return None if is_last else finer
+
+
+def _is_near_a_bound(problem: TimeProblem, gains: Real) -> bool:
+    """Whether the control may break its bounds between the instants of the grid, so that the exact one is worth it."""
+    bounds = problem.specification
+    return math.isfinite(bounds.rate_max) or problem.largest_control(gains)[0] > NEAR * bounds.u_max
 
 
 def _peaks_above(problem: TimeProblem, found: Descent) -> tuple[float, ...]:
