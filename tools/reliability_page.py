@@ -24,6 +24,10 @@ def spread(seconds: list[float]) -> str:
     return f"{statistics.median(seconds):.2f}, {max(seconds):.2f} s" if seconds else "none"
 
 
+KILLS = ("recovered", "addends", "silences")
+"""Lists of seconds of each part of that campaign."""
+
+
 def merged_kills(figures: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
     """The parts of the campaign, by the node that was struck."""
     victims: dict[str, list[dict[str, Any]]] = {}
@@ -37,13 +41,14 @@ def kills(figures: dict[str, Any]) -> str:
     """What happened to the loop while its nodes were struck."""
     rows = []
     for victim, parts in sorted(merged_kills(figures).items()):
-        together = {key: [value for part in parts for value in part[key]] for key in ("recovered", "addends")}
+        together = {key: [value for part in parts for value in part[key]] for key in KILLS}
         rows.append([
             f"`{victim}`", str(sum(part["instants"] for part in parts)), spread(together["recovered"]),
-            spread(together["addends"]), f"{sum(part['controls'] for part in parts):,}",
+            spread(together["addends"]), spread(together["silences"]), f"{sum(part['controls'] for part in parts):,}",
             f"{min(part['lowest'] for part in parts):.3f} to {max(part['highest'] for part in parts):.3f}",
         ])  # fmt: skip
-    head = ["struck", "instants", "loop back: median, worst", "addend gone: median, worst", "controls", "from, to"]
+    head = ["struck", "instants", "loop back: median, worst", "addend gone: median, worst", "silence: median, worst",
+            "controls", "from, to"]  # fmt: skip
     return table(head, rows)
 
 

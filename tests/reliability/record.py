@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,15 @@ def outside_limits(controls: Iterable[Sample], low: float, high: float) -> list[
     [(0.1, nan), (0.2, 3.1)]
     """
     return [sample for sample in controls if not low <= sample[1] <= high]
+
+
+def longest_silence(times: Sequence[float]) -> float:
+    """The longest time between two of them [s]; infinite for fewer.
+
+    >>> longest_silence([0.0, 0.25, 1.0])
+    0.75
+    """
+    return max((after - before for before, after in pairwise(times)), default=math.inf)
 
 
 def settled_at(samples: Sequence[Sample], goal: float, band: float, hold: float, gap: float = 0.5) -> float | None:

@@ -7,7 +7,10 @@ import os
 import signal
 from pathlib import Path
 
+import pytest
+
 from fopid_msgs.msg import ScalarStamped
+from fopid_ros.common.middleware import TRANSPORTS
 from fopid_ros.common.shared_memory import FOLDER, YOUNGEST, remove_abandoned_segments
 
 from ..conftest import Graph
@@ -89,3 +92,16 @@ def test_a_node_that_starts_removes_what_a_killed_one_has_left_and_nothing_else(
     graph.until(lambda: "controlling" in again.log.read_text(), "the next controller")
     assert not any(segment.exists() or segment.with_name(f"{segment.name}_el").exists() for segment in left)
     assert all(segment.exists() for segment in ours | segments_of(again.pid))
+
+
+@pytest.mark.parametrize(("transports", "shared"), [(None, False), ("DEFAULT", True)])
+def test_a_node_keeps_out_of_shared_memory_where_nobody_says_otherwise(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch, transports: str | None, shared: bool
+) -> None:
+    """There one that is killed may stop its neighbours for seconds. With LOCALHOST the middleware insists on it."""
+    monkeypatch.setitem(graph.environment, "ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+    if transports is not None:
+        monkeypatch.setitem(graph.environment, TRANSPORTS, transports)
+    node = graph.start("fopid_controller", {"kp": 1.0})
+    graph.until(lambda: "controlling" in node.log.read_text(), "the controller")
+    assert bool(segments_of(node.pid)) == shared

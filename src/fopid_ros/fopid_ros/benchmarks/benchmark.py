@@ -30,6 +30,7 @@ from fopid_ros.benchmarks.cpu import BareNode, node_cost, serve
 from fopid_ros.benchmarks.idle import LISTENERS, idle_costs
 from fopid_ros.benchmarks.many import joint_costs, loop_costs
 from fopid_ros.common.managed_node import loop_qos
+from fopid_ros.common.middleware import prepare_middleware
 from fopid_ros.controller.node import ControllerNode
 from fopid_ros.experiment.child_processes import Children, command, ros_arguments
 from fopid_ros.plant.node import PlantSimulator
@@ -254,6 +255,7 @@ def main(args: Sequence[str] | None = None) -> int:
     if options.other:
         return serve(OTHERS[options.other])
     console = Console(stderr=options.json)
+    prepare_middleware()  # for the nodes that are no more than a baseline, too
     rclpy.init()
     try:
         table = measure(options.samples, options.seconds, console)

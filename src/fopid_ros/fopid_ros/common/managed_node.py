@@ -30,6 +30,7 @@ from fopid_ros.common.background import Background, Later
 from fopid_ros.common.diagnostics import diagnostic_array, diagnostic_status
 from fopid_ros.common.endpoints import Endpoints
 from fopid_ros.common.guard import INTERNAL_ERROR, GuardedNode
+from fopid_ros.common.middleware import prepare_middleware
 from fopid_ros.common.parameters import (
     Spec,
     brief,
@@ -41,8 +42,7 @@ from fopid_ros.common.parameters import (
     widen_sliders,
     without_idle,
 )
-from fopid_ros.common.shared_memory import remove_abandoned_segments
-from fopid_ros.common.spinning import StopSignal, check_domain, log_warnings, spin_until, start_limited
+from fopid_ros.common.spinning import StopSignal, log_warnings, spin_until, start_limited
 
 DIAGNOSTICS_PERIOD = 1.0
 """[s, on a steady clock]"""
@@ -367,8 +367,7 @@ def run_all(
     at = ""
     try:
         refuse_other_arguments(sys.argv[1:] if args is None else args, own)
-        check_domain()
-        remove_abandoned_segments()
+        prepare_middleware()
         with start_limited(stop):
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
             for make in makers:

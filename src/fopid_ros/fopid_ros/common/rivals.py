@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from fopid_core.errors import InputError
-from fopid_ros.common.managed_node import check_domain
+from fopid_ros.common.middleware import prepare_middleware
 
 NAME_TIME = 3.0  # how long the name of a publisher's node may take to be known [s]
 LOOK_TIME = 4.0  # how long nodes that run may take to be found [s]: those whose answer is lost tell again after 3 s
@@ -62,7 +62,7 @@ def refuse_running_loop(ros_options: Sequence[str] = ()) -> None:
     InputError
         If there is one, naming its nodes.
     """
-    check_domain()
+    prepare_middleware()
     context = Context()
     try:
         rclpy.init(args=["--ros-args", *ros_options], context=context, signal_handler_options=SignalHandlerOptions.NO)

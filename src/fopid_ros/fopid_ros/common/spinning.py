@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import faulthandler
-import os
 import signal
 import threading
 import time
@@ -15,8 +14,6 @@ from typing import Any, Protocol
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.task import Future
 
-from fopid_core.errors import InputError
-
 FOREVER = 1e8  # [s]
 FINISH_TIME = 3.0
 """How long work in other threads may take to end when it is told to [s]."""
@@ -26,7 +23,6 @@ HARD_STOP = 6.0
 START_LIMIT = 120.0
 """A process whose nodes do not stand after so long [s] is ended outright: the transport may wait for ever, deaf to
 signals, for shared memory whose maker was killed while he made it."""
-LAST_DOMAIN = 232  # its UDP ports are the last below 65536
 CLOCK_WATCH_PERIOD = 0.1  # how often the system clock is looked at, and by how much it may be set back unseen [s]
 
 
@@ -70,13 +66,6 @@ def start_limited(stop: StopSignal) -> Iterator[None]:
     finally:
         if not stop.event.is_set():  # that has set a limit of its own
             faulthandler.cancel_dump_traceback_later()
-
-
-def check_domain() -> None:
-    """Raise InputError for a domain that the transport has no ports for: it would end the process outright."""
-    text = os.environ.get("ROS_DOMAIN_ID", "0").strip()
-    if text.isdecimal() and int(text) > LAST_DOMAIN:
-        raise InputError(f"ROS_DOMAIN_ID = {text}; allowed: 0 to {LAST_DOMAIN}")
 
 
 def log_warnings(tell: Callable[[str], Any]) -> None:

@@ -24,8 +24,8 @@ from fopid_core.study.bags.provenance import provenance
 from fopid_core.study.experiments.experiment import Experiment, read_experiment, run_folder
 from fopid_core.study.reports.completeness import EVERY_SAMPLE
 from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
-from fopid_ros.common.managed_node import check_domain, latched_qos
-from fopid_ros.common.shared_memory import remove_abandoned_segments
+from fopid_ros.common.managed_node import latched_qos
+from fopid_ros.common.middleware import prepare_middleware
 from fopid_ros.experiment.node import ExperimentNode, StopRequestedError, ask_for_prompt_acknowledgements
 from fopid_ros.experiment.recording import BAG_PACKAGES, start_recording
 from fopid_ros.experiment.with_nodes import interruptible, run_with_nodes
@@ -168,8 +168,7 @@ def main(args: Sequence[str] | None = None) -> int:
         experiment = read_experiment(options.file)
         if options.start_nodes:
             return _with_nodes(experiment, options, _ros_options(given))
-        check_domain()
-        remove_abandoned_segments()
+        prepare_middleware()
         ask_for_prompt_acknowledgements()
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except (InputError, RCLError) as error:

@@ -19,7 +19,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from fopid_core.errors import InputError
 from fopid_msgs.action import Autotune
-from fopid_ros.common.managed_node import check_domain
+from fopid_ros.common.middleware import prepare_middleware
 
 FOUND_TIME = 10.0
 """How long the tuner may take to be found [s]."""
@@ -50,7 +50,7 @@ def main(args: Sequence[str] | None = None) -> int:
     options = vars(_parser().parse_args(remove_ros_args(["autotune", *given])[1:]))
     try:
         options["phase_margin"] = _radians(options["phase_margin"])
-        check_domain()
+        prepare_middleware()
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
         return _run(Autotune.Goal(**options))
     except InputError as error:
