@@ -7,6 +7,7 @@ import os
 import signal
 from pathlib import Path
 
+import psutil
 import pytest
 
 from fopid_msgs.msg import ScalarStamped
@@ -75,7 +76,10 @@ def segments_of(pid: int) -> set[Path]:
     return {segment for segment in mapped if segment.with_name(f"{segment.name}_el") in opened}
 
 
-def test_a_node_that_starts_removes_what_a_killed_one_has_left_and_nothing_else(graph: Graph) -> None:
+def test_a_node_that_starts_removes_what_a_killed_one_has_left_and_nothing_else(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(graph.environment, TRANSPORTS, "DEFAULT")  # with shared memory
     controls = graph.listen(ScalarStamped, "control")
     killed = graph.start("fopid_controller", {"kp": 1.0})
     graph.until(lambda: controls, "the controller")
@@ -94,14 +98,26 @@ def test_a_node_that_starts_removes_what_a_killed_one_has_left_and_nothing_else(
     assert all(segment.exists() for segment in ours | segments_of(again.pid))
 
 
+@pytest.mark.parametrize("reach", ["LOCALHOST", "OFF"])
 @pytest.mark.parametrize(("transports", "shared"), [(None, False), ("DEFAULT", True)])
 def test_a_node_keeps_out_of_shared_memory_where_nobody_says_otherwise(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch, transports: str | None, shared: bool
+    graph: Graph, monkeypatch: pytest.MonkeyPatch, reach: str, transports: str | None, shared: bool
 ) -> None:
-    """There one that is killed may stop its neighbours for seconds. With LOCALHOST the middleware insists on it."""
-    monkeypatch.setitem(graph.environment, "ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+    """There one that is killed may stop its neighbours for good."""
+    monkeypatch.setitem(graph.environment, "ROS_AUTOMATIC_DISCOVERY_RANGE", reach)
     if transports is not None:
         monkeypatch.setitem(graph.environment, TRANSPORTS, transports)
+    controls = graph.listen(ScalarStamped, "control")
     node = graph.start("fopid_controller", {"kp": 1.0})
-    graph.until(lambda: "controlling" in node.log.read_text(), "the controller")
+    graph.until(lambda: controls if reach == "LOCALHOST" else "controlling" in node.log.read_text(), "the controller")
     assert bool(segments_of(node.pid)) == shared
+
+
+def test_of_localhost_nothing_but_this_machine_is_heard(graph: Graph) -> None:
+    """Out of shared memory, too, it listens at the loopback interface alone."""
+    controls = graph.listen(ScalarStamped, "control")
+    node = graph.start("fopid_controller", {"kp": 1.0})
+    graph.until(lambda: controls, "the controller")
+    ports = [each.laddr for each in psutil.Process(node.pid).net_connections("udp")]
+    assert {address.ip for address in ports if address.port >= 7400} <= {"127.0.0.1"}
+    assert ports

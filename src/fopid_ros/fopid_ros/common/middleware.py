@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 
+from rclpy.utilities import get_rmw_implementation_identifier
+
 from fopid_core.errors import InputError
 from fopid_ros.common.shared_memory import remove_abandoned_segments
 
@@ -11,10 +13,19 @@ LAST_DOMAIN = 232  # its UDP ports are the last below 65536
 TRANSPORTS, NOT_SHARED = "FASTDDS_BUILTIN_TRANSPORTS", "UDPv4"
 """What Fast DDS reads, and all that it has by itself but shared memory.
 
-There a process that is killed while it holds a lock stops whoever sends to it, for a second at a time: of 98 nodes
-that were killed on a busy machine, three held up the controller, for 1.3 to 3.0 s. With
-ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST rmw_fastrtps chooses shared memory itself, whatever this says.
+There a process that is killed while it holds a lock stops whoever sends to it: of 98 plants that were killed on a busy
+machine three held up their controller, for 1.3 to 3.0 s; another process waited for more than five minutes, in
+``SharedMemManager::Port::regenerate_port``, until it was killed itself.
 """
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+"""What ROS 2 reads; for LOCALHOST rmw_fastrtps chooses the transports itself, shared memory among them."""
+
+
+def insists_on_shared_memory() -> bool:
+    """Whether it would be used although nobody has asked for it."""
+    asked = os.environ.get(TRANSPORTS, NOT_SHARED) != NOT_SHARED
+    local = os.environ.get(RANGE) == "LOCALHOST" and not os.environ.get("ROS_STATIC_PEERS")
+    return local and not asked and get_rmw_implementation_identifier().startswith("rmw_fastrtps")
 
 
 def prepare_middleware() -> None:

@@ -24,6 +24,7 @@ from fopid_ros.common.diagnostics import (
 from fopid_ros.common.inputs import Input, is_number
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run
 from fopid_ros.common.message_types import MessageTypes
+from fopid_ros.common.middleware import RANGE, insists_on_shared_memory
 from fopid_ros.common.signals import SignalType
 from fopid_ros.controller.cascade import CascadeLink, check_cascade
 from fopid_ros.controller.control_msgs_output import ControlMsgsOutput
@@ -327,15 +328,19 @@ class ControllerNode(TickingNode):
         }  # fmt: skip
 
 
-def ask_promptly_for_what_was_missed() -> None:
+def choose_profile() -> None:
     """Before ROS starts: a setpoint that is published once by a process that then ends is not to be missed.
 
-    Only Fast DDS reads this; a user's own profile file stands.
+    With LOCALHOST the same range, seen by nodes that have the usual one, but without shared memory: no neighbour that
+    is killed is to stop the controller. Only Fast DDS reads this; a user's own profile file stands.
     """
     names = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # of older and of newer releases
-    if not any(name in os.environ for name in names):
-        file = Path(__file__).with_name("prompt_readers.xml")
-        os.environ.update(dict.fromkeys(names, str(file)))
+    if any(name in os.environ for name in names):
+        return
+    file = "prompt_readers.xml"
+    if insists_on_shared_memory():
+        file, os.environ[RANGE] = "prompt_readers_on_loopback.xml", "SYSTEM_DEFAULT"  # which leaves profiles alone
+    os.environ.update(dict.fromkeys(names, str(Path(__file__).with_name(file))))
 
 
 def make_controller() -> ManagedNode:
@@ -346,7 +351,7 @@ def make_controller() -> ManagedNode:
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``fopid_controller``."""
-    ask_promptly_for_what_was_missed()
+    choose_profile()
     return run(ControllerNode, args, make_controller)
 
 
