@@ -113,6 +113,13 @@ def test_a_node_keeps_out_of_shared_memory_where_nobody_says_otherwise(
     assert bool(segments_of(node.pid)) == shared
 
 
+@pytest.mark.parametrize("executable", ["plant_simulator", "fopid_tuner"])
+def test_so_do_the_others(graph: Graph, executable: str) -> None:
+    node = graph.start(executable, {"process": "P1"})
+    graph.until(lambda: executable in graph.node.get_node_names(), "the node")
+    assert not segments_of(node.pid)
+
+
 def test_of_localhost_nothing_but_this_machine_is_heard(graph: Graph) -> None:
     """Out of shared memory, too, it listens at the loopback interface alone."""
     controls = graph.listen(ScalarStamped, "control")

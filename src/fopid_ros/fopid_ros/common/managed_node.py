@@ -30,7 +30,7 @@ from fopid_ros.common.background import Background, Later
 from fopid_ros.common.diagnostics import diagnostic_array, diagnostic_status
 from fopid_ros.common.endpoints import Endpoints
 from fopid_ros.common.guard import INTERNAL_ERROR, GuardedNode
-from fopid_ros.common.middleware import prepare_middleware
+from fopid_ros.common.middleware import prepare_middleware, use_profile
 from fopid_ros.common.parameters import (
     Spec,
     brief,
@@ -368,6 +368,7 @@ def run_all(
     try:
         refuse_other_arguments(sys.argv[1:] if args is None else args, own)
         prepare_middleware()
+        use_profile()
         with start_limited(stop):
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
             for make in makers:

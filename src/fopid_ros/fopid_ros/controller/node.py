@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 import time
 from pathlib import Path
@@ -24,7 +23,7 @@ from fopid_ros.common.diagnostics import (
 from fopid_ros.common.inputs import Input, is_number
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run
 from fopid_ros.common.message_types import MessageTypes
-from fopid_ros.common.middleware import RANGE, insists_on_shared_memory
+from fopid_ros.common.middleware import use_profile
 from fopid_ros.common.signals import SignalType
 from fopid_ros.controller.cascade import CascadeLink, check_cascade
 from fopid_ros.controller.control_msgs_output import ControlMsgsOutput
@@ -328,19 +327,9 @@ class ControllerNode(TickingNode):
         }  # fmt: skip
 
 
-def choose_profile() -> None:
-    """Before ROS starts: a setpoint that is published once by a process that then ends is not to be missed.
-
-    With LOCALHOST the same range, seen by nodes that have the usual one, but without shared memory: no neighbour that
-    is killed is to stop the controller. Only Fast DDS reads this; a user's own profile file stands.
-    """
-    names = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # of older and of newer releases
-    if any(name in os.environ for name in names):
-        return
-    file = "prompt_readers.xml"
-    if insists_on_shared_memory():
-        file, os.environ[RANGE] = "prompt_readers_on_loopback.xml", "SYSTEM_DEFAULT"  # which leaves profiles alone
-    os.environ.update(dict.fromkeys(names, str(Path(__file__).with_name(file))))
+def ask_promptly_for_what_was_missed() -> None:
+    """Before ROS starts: a setpoint that is published once by a process that then ends is not to be missed."""
+    use_profile(Path(__file__).with_name("prompt_readers.xml"))
 
 
 def make_controller() -> ManagedNode:
@@ -351,7 +340,7 @@ def make_controller() -> ManagedNode:
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``fopid_controller``."""
-    choose_profile()
+    ask_promptly_for_what_was_missed()
     return run(ControllerNode, args, make_controller)
 
 

@@ -22,7 +22,7 @@ from tornado.httpserver import HTTPServer
 from fopid_core.errors import InputError
 from fopid_core.study.page.access import Access, chosen_token
 from fopid_core.study.page.listening import http_server, listening_sockets, page_address
-from fopid_ros.common.middleware import prepare_middleware
+from fopid_ros.common.middleware import prepare_middleware, use_profile
 from fopid_ros.dashboard.live import PERIOD, close_browsers
 from fopid_ros.dashboard.node import SPECS, DashboardNode
 from fopid_ros.dashboard.web import application
@@ -82,6 +82,7 @@ async def serve(node: DashboardNode, executor: Executor, server: HTTPServer, soc
 def _serve_node(host: str, port: int, given: str | None, ros_arguments: list[str]) -> None:
     token = chosen_token(given)
     prepare_middleware()
+    use_profile()
     sockets = listening_sockets(host, port)
     rclpy.init(args=ros_arguments, signal_handler_options=SignalHandlerOptions.NO)
     node = DashboardNode()

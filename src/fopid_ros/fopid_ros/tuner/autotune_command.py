@@ -19,7 +19,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from fopid_core.errors import InputError
 from fopid_msgs.action import Autotune
-from fopid_ros.common.middleware import prepare_middleware
+from fopid_ros.common.middleware import prepare_middleware, use_profile
 
 FOUND_TIME = 10.0
 """How long the tuner may take to be found [s]."""
@@ -51,6 +51,7 @@ def main(args: Sequence[str] | None = None) -> int:
     try:
         options["phase_margin"] = _radians(options["phase_margin"])
         prepare_middleware()
+        use_profile()
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
         return _run(Autotune.Goal(**options))
     except InputError as error:
