@@ -67,6 +67,16 @@ def test_the_same_error_again_is_counted_but_not_logged_at_every_tick() -> None:
     assert len(lines) == 2
 
 
+def test_refusals_of_one_topic_do_not_silence_those_of_another() -> None:
+    now = [0.0]
+    guard = Guard(lambda _: None, lambda: now[0])
+    told: list[tuple[int, str]] = []
+    for k in range(25):
+        now[0] = 0.1 * k
+        told += [(k, topic) for topic in ("measurement", "state") if guard.is_due((topic,), 0.95)]
+    assert told == [(k, topic) for k in (0, 10, 20) for topic in ("measurement", "state")]
+
+
 def test_an_error_is_one_report_long_an_error_and_then_a_warning() -> None:
     guard = Guard(lambda _: None)
     assert guard.health_problems() == []

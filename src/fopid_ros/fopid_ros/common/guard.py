@@ -18,6 +18,8 @@ INTERNAL_ERROR = "internal error; the node goes on, its log has the traceback"
 """What somebody is answered whose request ran into an error that was not foreseen."""
 LOG_PERIOD = 10.0
 """One place in the sources logs no more than one traceback in this time [s]; all are counted."""
+REFUSAL_PERIOD = 1.0
+"""One topic's refused messages are told no more than once in this time [s]."""
 FRAMES = -20
 """How much of a traceback is logged: its innermost frames."""
 
@@ -59,22 +61,28 @@ class Guard:
         self.last = ""
         self._log, self._clock = log, clock
         self._lock = threading.Lock()
-        self._logged: dict[tuple[str, str], float] = {}
+        self._logged: dict[tuple[str, ...], float] = {}
         self._told = self._malformed_told = 0
 
     def note(self, what: str, error: BaseException) -> None:
         """Count an error and log it."""
         line = " ".join(f"{what}: {type(error).__name__}: {error}".split())[:300]
-        place = (what, type(error).__name__)
         with self._lock:
             self.count += 1
             self.last = line
-            now = self._clock()
-            if now - self._logged.get(place, -LOG_PERIOD) < LOG_PERIOD:
-                return
-            self._logged[place] = now
+        if not self.is_due((what, type(error).__name__), LOG_PERIOD):
+            return
         trace = "".join(traceback.format_exception(error, limit=FRAMES))
         self._log(f"internal error {self.count}, the node goes on: {line}\n{trace}")
+
+    def is_due(self, place: tuple[str, ...], period: float) -> bool:
+        """Whether something may be logged that is logged once in a period [s] at most; then it counts as logged."""
+        with self._lock:
+            now = self._clock()
+            due = now - self._logged.get(place, -period) >= period
+            if due:
+                self._logged[place] = now
+            return due
 
     def wrap(self, what: str, callback: Callable[..., Any], otherwise: Callable[[], Any] = do_nothing) -> Any:
         """The callback, but its errors are noted, and then what ``otherwise`` makes is returned."""
@@ -145,7 +153,8 @@ class GuardedNode:
 
     def refuse_message(self, topic: str, told: str) -> None:
         """A message on a topic cannot be used; a node that counts what it refuses does so here."""
-        self.get_logger().warning(f"{told}; refused ({self.guard.malformed} so far)", throttle_duration_sec=1.0)
+        if self.guard.is_due((topic,), REFUSAL_PERIOD):
+            self.get_logger().warning(f"{told}; refused ({self.guard.malformed} so far)")
 
     def create_timer(
         self, timer_period_sec: float, callback: Any, *more: Any, otherwise: Callable[[], Any] = do_nothing,
