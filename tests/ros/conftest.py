@@ -224,6 +224,11 @@ class Graph:
         rclpy.shutdown(context=self.context)
 
 
+def stamp(message: Any) -> float:
+    """Of its header [s]."""
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
 class LockstepLoop:
     """Plant and controller in lockstep; time stands still except in ``advance``."""
 
@@ -231,6 +236,7 @@ class LockstepLoop:
                  plant: Mapping[str, object] | None = None, controller: Mapping[str, object] | None = None,
                  namespace: str = "") -> None:  # fmt: skip
         self.graph, self.prefix = graph, f"/{namespace}/" if namespace else "/"
+        self._sample_time = sample_time
         remap = ["-r", f"__ns:=/{namespace}", "-r", "/clock:=clock"] if namespace else []
         common = {"trigger": "lockstep", "sample_time": sample_time}
         node = graph.node
@@ -261,6 +267,9 @@ class LockstepLoop:
             return answer.success
 
         self.graph.until(reached, f"the loop at {until} s")
+        last = until - 1.5 * self._sample_time  # what is lost on the way comes once more, but not at once
+        for what, heard in (("measurement", self.measurements), ("control", self.controls)):
+            self.graph.until(lambda heard=heard: heard and stamp(heard[-1]) > last, f"the {what} at {until} s")
         heard = -1
         while heard != (heard := len(self.measurements) + len(self.controls) + len(self.states)):
             self.graph.spin(0.2)

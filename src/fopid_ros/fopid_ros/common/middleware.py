@@ -18,27 +18,27 @@ There a process that is killed while it holds a lock stops whoever sends to it: 
 machine three held up their controller, for 1.3 to 3.0 s; another process waited for more than five minutes, in
 ``SharedMemManager::Port::regenerate_port``, until it was killed itself.
 """
-LOOPBACK = Path(__file__).with_name("loopback.xml")
+PROMPT, LOOPBACK = (Path(__file__).with_name(name) for name in ("prompt.xml", "loopback.xml"))
+"""Profiles of Fast DDS; the second keeps to this machine, too."""
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 """What ROS 2 reads; for LOCALHOST rmw_fastrtps chooses the transports itself, shared memory among them."""
-
 
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """The same, of older and of newer releases: where a user's own profile stands."""
 
 
-def use_profile(file: Path | None = None) -> None:
-    """Before ROS starts: have Fast DDS read a profile; with LOCALHOST one that keeps out of shared memory instead.
+def use_profile() -> None:
+    """Before ROS starts: have Fast DDS ask promptly for what was missed, and with LOCALHOST keep out of shared memory.
 
     That is the same range, seen by nodes that have the usual one. A user's own profile file stands. Not for a process
     that starts others, which would inherit it.
     """
     if any(name in os.environ for name in PROFILES):
         return
+    file = PROMPT
     if _insists_on_shared_memory():
         file, os.environ[RANGE] = LOOPBACK, "SYSTEM_DEFAULT"  # which leaves profiles alone
-    if file is not None:
-        os.environ.update(dict.fromkeys(PROFILES, str(file)))
+    os.environ.update(dict.fromkeys(PROFILES, str(file)))
 
 
 def _insists_on_shared_memory() -> bool:

@@ -10,7 +10,7 @@ from rclpy._rclpy_pybind11 import UnknownROSArgsError
 from rclpy.utilities import remove_ros_args
 
 from fopid_ros.common.managed_node import ManagedNode, run_all
-from fopid_ros.controller.node import ControllerNode, ask_promptly_for_what_was_missed
+from fopid_ros.controller.node import ControllerNode
 
 USAGE = """usage: fopid_loops NAMESPACE ... [--ros-args --params-file FILE -p NAME:=VALUE ...]
 
@@ -40,7 +40,6 @@ def main(args: Sequence[str] | None = None) -> int:
         told = f"namespace {doubled[0]!r} is given twice" if doubled else f"namespaces = {namespaces}"
         print(f"error: {told}; allowed: one and more, each once, as in fopid_loops left right", file=sys.stderr)
         return 2
-    ask_promptly_for_what_was_missed()
     makers: list[Callable[[], ManagedNode]] = [partial(ControllerNode, namespace=name) for name in namespaces]
     return run_all(makers, given[1:], namespaces)
 

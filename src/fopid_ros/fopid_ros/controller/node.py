@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -23,7 +22,6 @@ from fopid_ros.common.diagnostics import (
 from fopid_ros.common.inputs import Input, is_number
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, ManagedNode, loop_qos, run
 from fopid_ros.common.message_types import MessageTypes
-from fopid_ros.common.middleware import use_profile
 from fopid_ros.common.signals import SignalType
 from fopid_ros.controller.cascade import CascadeLink, check_cascade
 from fopid_ros.controller.control_msgs_output import ControlMsgsOutput
@@ -327,11 +325,6 @@ class ControllerNode(TickingNode):
         }  # fmt: skip
 
 
-def ask_promptly_for_what_was_missed() -> None:
-    """Before ROS starts: a setpoint that is published once by a process that then ends is not to be missed."""
-    use_profile(Path(__file__).with_name("prompt_readers.xml"))
-
-
 def make_controller() -> ManagedNode:
     """The controller of one loop, or with ``dof_names`` of many joints."""
     dof_names = given_dof_names(ControllerNode.NAME)
@@ -340,7 +333,6 @@ def make_controller() -> ManagedNode:
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``fopid_controller``."""
-    ask_promptly_for_what_was_missed()
     return run(ControllerNode, args, make_controller)
 
 
