@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
+from weakref import WeakSet
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -74,11 +75,11 @@ def latched_qos(depth: int = 1) -> QoSProfile:
     return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def take_pending_messages(subscription: Subscription) -> None:
-    """Deliver the messages that have arrived but whose callback has not run yet."""
+def take_pending_messages(subscription: Subscription, *, informed: bool = False) -> None:
+    """Deliver the messages that have arrived but whose callback has not run yet; with what is known of each."""
     take = subscription.handle.take_message
     while (taken := take(subscription.msg_type, subscription.raw)) is not None:
-        subscription.callback(taken[0])
+        subscription.callback(*taken if informed else taken[:1])
 
 
 class ManagedNode(GuardedNode, LifecycleNode):
@@ -93,6 +94,8 @@ class ManagedNode(GuardedNode, LifecycleNode):
     endpoints : Endpoints
         Closed at cleanup and at shutdown.
     configured : bool
+    taken_by_hand : WeakSet of Subscription
+        Subscriptions that wake no executor: their messages wait for ``take_pending_messages``.
     last_rejected : str
         Why the last set of parameters that was refused was refused.
     """
@@ -106,6 +109,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         self.endpoints = Endpoints(self)
         self.background = Background(self)
         self.configured = False
+        self.taken_by_hand: WeakSet[Subscription] = WeakSet()
         self.last_rejected = ""
         self._not_configured = ""
         self._guard_lifecycle()
@@ -118,6 +122,11 @@ class ManagedNode(GuardedNode, LifecycleNode):
             self.destroy_node()
             raise
         self.add_post_set_parameters_callback(self._after_set)
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Those that an executor serves."""
+        return (each for each in super().subscriptions if each not in self.taken_by_hand)
 
     def values(self, changes: Sequence[Parameter] = ()) -> dict[str, Any]:
         """All parameters by name, with ``changes`` made."""

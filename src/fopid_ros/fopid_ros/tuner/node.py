@@ -127,6 +127,8 @@ class TunerNode(ManagedNode):
 
     def _release(self) -> None:
         self._leave_active()
+        if self._tap is not None:
+            self._tap.close()
         super()._release()
 
     def _leave_active(self) -> None:

@@ -17,13 +17,14 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 
 from fopid_core.errors import InputError
 from fopid_core.runtime.controller import nearest_turn
 from fopid_msgs.msg import FopidState
 from fopid_ros.common.cdr import Layout
 from fopid_ros.common.diagnostics import PublisherConflicts, Rivalry
-from fopid_ros.common.managed_node import ManagedNode, loop_qos
+from fopid_ros.common.managed_node import ManagedNode, loop_qos, take_pending_messages
 from fopid_ros.common.parameters import Spec
 from fopid_ros.common.signals import DEFAULT_TYPE, SignalType, signal_specs, signal_type
 from fopid_ros.tuner.learning.history import EXCITATION, SIGNALS, History
@@ -42,11 +43,12 @@ SPECS = (
         read_only=True,
     ),
 )
-LISTENING = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
+LISTENING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Best effort hears reliable publishers, too; a tick lost is a gap that the identification allows for."""
 
 REPEAT_PERIOD = 0.1
-"""The addend is told again so often [s]: a controller that hears nothing more of it lets it fade out."""
+"""The addend is told again so often [s]: a controller that hears nothing more of it lets it fade out. As often an idle
+tuner looks at what it has heard."""
 MEETING_TIME = 3.0
 """How long it may take until a controller and the publisher of the addend know each other [s]."""
 TAKEN_TIME = 0.3
@@ -106,26 +108,56 @@ class LoopTap:
         self._by_stamps = bool(values["dof"]) or all(types[name].has_header for name in HEARD)
         self._wraps = values["angle_wraparound"]
         self._conflicts = PublisherConflicts(node, ())
+        self._waiting: list[Subscription] = []
+        self._control: Subscription | None = None  # where it may wait, too
+        self._prompt = True
         if not values["history"]:
             return
         if values["dof"]:
             state = f"{values['controller']}/{values['dof']}/state"
             node.endpoints.subscription(FopidState, state, self._on_joint_state, LISTENING, raw=True)
         else:
-            for name in HEARD:
-                self._subscribe(name, types[name])
             state = f"{values['controller']}/state"
-            node.endpoints.subscription(FopidState, state, self._on_state, LISTENING, raw=True)
+            measurement, control = (self._subscribe(name, types[name]) for name in HEARD)
+            said = node.endpoints.subscription(FopidState, state, self._on_state, LISTENING, raw=True)
+            if not (self._wraps or node.get_parameter("use_sim_time").value):  # else each is to be read as it comes
+                self._waiting, self._control = [measurement, said], control
+                node.taken_by_hand.update((measurement, said, control))
+        self._prompt = self._control is None
         self._conflicts = PublisherConflicts(node, (state,) if values["dof"] else HEARD)
         node.endpoints.timer(REPEAT_PERIOD, self._repeat, Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _subscribe(self, name: str, kind: SignalType) -> None:
+    def _subscribe(self, name: str, kind: SignalType) -> Subscription:
         def heard(message: Any, info: dict[str, int]) -> None:
+            if name == "control":
+                self._take_what_waits()
             stamp = kind.stamp_ns(message) if self._by_stamps else None
             age = (time.time_ns() - info["received_timestamp"]) * 1e-9
             self._heard(name, (stamp or self._arrival_ns(info)) * 1e-9, kind.read(message), age)
 
-        self._node.endpoints.subscription(kind.message_type, name, heard, LISTENING, raw=kind.raw)
+        return self._node.endpoints.subscription(kind.message_type, name, heard, LISTENING, raw=kind.raw)
+
+    def close(self) -> None:
+        """Before its subscriptions are: a control that has come already finds none of them to look at."""
+        self._waiting, self._control = [], None
+
+    def _take_what_waits(self) -> None:
+        """All but the control; a tick's messages wake the process once, since waking costs more than they do."""
+        for subscription in self._waiting:
+            take_pending_messages(subscription, informed=True)
+
+    def _look_at_control(self) -> None:
+        """With a hook the control wakes the process; without one nobody is in a hurry, and it is looked at here."""
+        if self._control is None:
+            return
+        if not self._prompt:
+            take_pending_messages(self._control, informed=True)
+        prompt = self._hook is not None
+        if prompt != self._prompt:
+            self._prompt = prompt
+            by_hand = self._node.taken_by_hand
+            (by_hand.discard if prompt else by_hand.add)(self._control)
+            self._node.executor.wake()
 
     def _arrival_ns(self, info: dict[str, int]) -> int:
         """When the transport had the message; a callback may come much later while this process computes."""
@@ -141,7 +173,7 @@ class LoopTap:
         self.history.add(name, at, value)
         if name != "control":
             return
-        if self._hook is not None:
+        if self._hook is not None and self._prompt:
             self._call_hook(Tick(at, *(self.history.newest(signal) for signal in SIGNALS), age))
         with self._ticked:
             self._ticked.notify_all()
@@ -174,7 +206,7 @@ class LoopTap:
         self._heard("control", time, state.control)
 
     def set_tick_hook(self, hook: Callable[[Tick], None] | None) -> None:
-        """Call ``hook`` at every tick of the controller from now on, on the executor's thread; None for nobody."""
+        """Call ``hook`` at every tick of the controller soon, on the executor's thread; None for nobody from now on."""
         self._hook = hook
 
     def wait_for_tick(self, timeout: float) -> bool:
@@ -247,6 +279,8 @@ class LoopTap:
             self._injection.publish(self._write(value, self._node.get_clock().now().nanoseconds))
 
     def _repeat(self) -> None:
+        self._take_what_waits()
+        self._look_at_control()
         if self._injection is not None:
             self.inject(self._added)
 
