@@ -63,6 +63,13 @@ def test_with_a_filter_it_is_the_ideal_operator_times_the_ideal_filter(mu: float
     is_met(running_gain(operators(mu, h, band, ticks * h), -1, theta), s**mu / (1.0 + ticks * h * s))
 
 
+@pytest.mark.parametrize("time", [5e-324, 1e-300, 1e-14, 2e-14])
+def test_a_filter_far_shorter_than_a_sample_is_none(time: float) -> None:
+    none, short = (derivative_weights(Band(1e-3, 1e3, 14), 0.7, 0.01, each) for each in (0.0, time))
+    assert short.washouts == pytest.approx(none.washouts, rel=1e-6, abs=1e-9)
+    assert short.differences == pytest.approx(none.differences, rel=1e-6, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     "band", [Band(1.0, 10.0, 4), Band(1e-2, 1e5, 16), Band(1e-7, 300.0, 22), Band(1e-3, 300.0, 30)]
 )

@@ -23,7 +23,7 @@ _FIRST = 0.03  # of that: below, lines between samples are good enough
 _LOUDNESS = 7e-3  # weight of what is above, up to order 1
 _ALIKE = 1e-6  # lags that are so nearly a difference are one: weights that cancel cost digits
 _POINTS = 60  # of the fit up to there, evenly by ratio, and from there to the Nyquist frequency, evenly
-_NO_FILTER = (0.0, 0.0, 1.0)
+_NO_FILTER, _NO_TIME = (0.0, 0.0, 1.0), 1e-12  # a lag so short, in sample times, is none
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def sampled_lag(time: float, sample_time: float, theta: Vector) -> NDArray[np.co
 
 def lag_weights(time: float, sample_time: float) -> tuple[float, float, float]:
     """Of a first-order lag's last output, last input and new input."""
-    if time == 0.0:
+    if time <= _NO_TIME * sample_time:
         return _NO_FILTER
     ratio = sample_time / time
     decay, from_new = math.exp(-ratio), ratio * float(ramp_share(np.array([ratio]))[0])
