@@ -11,6 +11,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.srv import DescribeParameters, GetParameters, GetParameterTypes, ListParameters
 from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -190,6 +191,26 @@ def test_parameters_whose_use_fails_are_put_back(bench: Bench) -> None:
     assert result.reason == INTERNAL_ERROR
     assert (bench.faulty.values()["gain"], bench.faulty.values()["other"]) == (2.0, 1.0)
     assert bench.faulty.applied[-1] == 2.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "field"),
+    [(ListParameters, "list_parameters", "prefixes"), (GetParameters, "get_parameters", "names"),
+     (DescribeParameters, "describe_parameters", "names"), (GetParameterTypes, "get_parameter_types", "names")],
+)  # fmt: skip
+def test_who_asks_for_a_million_parameters_holds_nobody_up(bench: Bench, kind: Any, name: str, field: str) -> None:
+    def count(names: list[str]) -> int:
+        answer = bench.call(kind, f"faulty/{name}", kind.Request(**{field: names}))
+        answer = getattr(answer, "result", answer)
+        return len(getattr(answer, next(each for each in ("names", "values", "descriptors", "types")
+                                        if hasattr(answer, each))))  # fmt: skip
+
+    assert count(["gain"]) == 1
+    assert count(["gain", "other"]) == 2
+    began = time.monotonic()
+    assert count(["x"] * 200_000 + ["gain"]) == 0
+    assert time.monotonic() - began < 10.0
+    assert count(["gain"]) == 1
 
 
 def test_a_transition_that_fails_is_answered_and_counted(bench: Bench) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import DescribeParameters, GetParameters, GetParameterTypes, ListParameters
 
 from fopid_ros.common.cdr import fault_finder
 
@@ -20,6 +21,11 @@ LOG_PERIOD = 10.0
 """One place in the sources logs no more than one traceback in this time [s]; all are counted."""
 REFUSAL_PERIOD = 1.0
 """One topic's refused messages are told no more than once in this time [s]."""
+MOST_ASKED = {
+    ListParameters: ("prefixes", 100), GetParameters: ("names", 5_000), GetParameterTypes: ("names", 5_000),
+    DescribeParameters: ("names", 5_000),
+}  # fmt: skip
+"""What a request for parameters may list at most, by its kind."""
 FRAMES = -20
 """How much of a traceback is logged: its innermost frames."""
 
@@ -164,8 +170,25 @@ class GuardedNode:
         return super().create_timer(timer_period_sec, self.guard.wrap(what, callback, otherwise), *more, **named)
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, *more: Any, **named: Any) -> Any:
+        if srv_type in MOST_ASKED:
+            callback = self._limited(callback, *MOST_ASKED[srv_type])
         guarded = self.guard.wrap(f"service {srv_name}", callback, lambda: internal_error(srv_type.Response()))
         return super().create_service(srv_type, srv_name, guarded, *more, **named)
+
+    def _limited(self, answer: Callable[[Any, Any], Any], field: str, most: int) -> Callable[[Any, Any], Any]:
+        """The answer, but to what lists more than any node has: that is as empty as the one to unknown names.
+
+        rclpy compares each parameter with each prefix: a million of them held a controller up for half a minute.
+        """
+
+        def limited(request: Any, response: Any) -> Any:
+            count = len(getattr(request, field))
+            if count <= most:
+                return answer(request, response)
+            self.get_logger().warning(f"refused: {count} {field} of parameters; allowed: {most} at most")
+            return response
+
+        return limited
 
 
 def _wants_information(callback: Callable[..., Any]) -> bool:

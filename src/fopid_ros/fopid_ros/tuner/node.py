@@ -25,6 +25,7 @@ from fopid_msgs.srv import Compare, Identify, Reduce, Tune
 from fopid_ros.common.background import BackgroundActionServer, Later
 from fopid_ros.common.guard import internal_error
 from fopid_ros.common.managed_node import ManagedNode, latched_qos, run
+from fopid_ros.common.parameters import brief
 from fopid_ros.common.signals import header_stamp
 from fopid_ros.common.spinning import FINISH_TIME
 from fopid_ros.tuner.controller_client import ANSWER_TIME, ControllerClient, RunningDesign
@@ -200,8 +201,8 @@ class TunerNode(ManagedNode):
         try:
             work()
         except InputError as error:
-            response.message = str(error)
-            self.get_logger().warning(f"refused: {error}")
+            response.message = brief(str(error))
+            self.get_logger().warning(f"refused: {response.message}")
         except CancelledError:
             response.message = f"{job.name} was cancelled: {job.why or 'as asked'}; gains and control are as they were"
         except Exception as error:  # noqa: BLE001  (no request ends the node)

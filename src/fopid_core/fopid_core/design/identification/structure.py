@@ -28,7 +28,9 @@ _ONE_ALPHA = (0.4, 1.95)
 """Orders that are looked at; with one power of s alone, 2 is the border of stability."""
 _FASTEST_RUNAWAY = 2.0
 """A process does not run away by a factor of e in fewer samples than this."""
-_RATIONAL = re.compile(r"rational:(\d+)(?:/(\d+))?")
+LONGEST_NAME = 80
+"""Characters of a name that is not known, in a message."""
+_RATIONAL = re.compile(r"rational:(\d{1,4})(?:/(\d{1,4}))?")
 
 
 @dataclass(frozen=True)
@@ -215,5 +217,5 @@ def structure_of(name: str) -> Structure:
     match = _RATIONAL.fullmatch(name)
     order, zeros = (int(match[1]), int(match[2] or 0)) if match else (0, 0)
     if not zeros < order <= MOST_ORDER:
-        raise InputError(f"template {name!r}; allowed: {allowed}")
+        raise InputError(f"template {name[:LONGEST_NAME]!r}; allowed: {allowed}")
     return Structure(name, (PAIR,) * (order // 2) + (LAG,) * (order % 2), zeros)
