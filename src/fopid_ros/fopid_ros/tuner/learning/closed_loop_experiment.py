@@ -170,7 +170,10 @@ class ClosedLoopExperiment:
         )
         if not loop.at_steady_state:
             most = STEADY_STATE_SHARE * loop.deviation_max
-            raise InputError(f"{loop.unrest}, for {duration:.3g} s; allowed: a loop at rest, {most:.4g} at most")
+            raise InputError(
+                f"{loop.why_not_at_rest}, for {duration:.3g} s; allowed: a loop at rest, {most:.4g} at most"
+            )
+        loop.allow_for_unrest(self._wanted.deviation_max, self._tap.history.travel("setpoint"))
 
     @property
     def estimate(self) -> float:
@@ -223,7 +226,7 @@ class ClosedLoopExperiment:
         return ExcitationSettings(
             kind=kind, amplitude=math.copysign(amplitude, loop.controller.gains.kp or 1.0), acts_on="control",
             low=loop.setpoint - loop.deviation_max, high=loop.setpoint + loop.deviation_max,
-            hold=hold, order=PRBS_ORDER, hysteresis=3.0 * loop.noise,
+            hold=hold, order=PRBS_ORDER, hysteresis=3.0 * loop.unrest,
         )  # fmt: skip
 
     def _probe(self) -> str:
@@ -270,6 +273,7 @@ class ClosedLoopExperiment:
         loop = self.loop
         kept = self._tap.history.newest_values("measurement", SEEN_SAMPLES)
         loop.noise = max(loop.noise, resolution(kept) / math.sqrt(12.0))
+        loop.unrest = max(loop.unrest, loop.noise)
 
     def _run_excitation(
         self, excitation: Excitation, progress: Callable[[], float], enough: float = math.inf,
@@ -314,4 +318,4 @@ class ClosedLoopExperiment:
 
     def residual_transient(self) -> float:
         """What may still be left of the experiment when the new gains come."""
-        return max(3.0 * self.loop.noise, SETTLED_SHARE * self._peak)
+        return max(3.0 * self.loop.unrest, SETTLED_SHARE * self._peak)

@@ -20,6 +20,8 @@ STEADY_STATE_SHARE, RESTLESS_SHARE = 0.1, 0.2
 NOISES, REACH_SHARE, TRAVEL_SHARE = 40.0, 0.005, 0.1
 """The allowed deviation when nobody says it: so many times the noise, that share of the proportional band (the error
 that moves the control through its whole range), that share of the setpoint's moves."""
+MOST_UNREST = 4.0
+"""What is not white of what the measurement does at rest counts as so many times the white noise at most."""
 LEAST_MOVE_SHARE = 0.005
 """Of the allowed deviation, that counts as noise where there is less: simulated sensors have none."""
 SMALL_STEP = 0.25
@@ -36,6 +38,8 @@ class LoopBaseline:
     setpoint, control : float
     noise : float
         Standard deviation of the measurement's noise, quantisation included.
+    unrest : float
+        Standard deviation of all that the measurement does at rest, once that is known; no less than the noise.
     deviation_max : float
         Largest distance from the setpoint that is allowed.
     offset : float
@@ -53,6 +57,7 @@ class LoopBaseline:
     setpoint: float = 0.0
     control: float = 0.0
     noise: float = 0.0
+    unrest: float = 0.0
     deviation_max: float = 0.0
     offset: float = 0.0
     drift: float = 0.0
@@ -82,14 +87,21 @@ class LoopBaseline:
         self.drift = float(second.mean() - first.mean())
         self.swing = 0.5 * float(np.ptp([part.mean() for part in np.array_split(measured, 10)]))
         self.noise = max(float(white_level(measured)), resolution(measured) / math.sqrt(12.0))
+        self.unrest = self.noise
         self.coloured = noise_at_rest(measured, self.controller.sample_time)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
+
+    def allow_for_unrest(self, deviation_max: float, travel: float) -> None:
+        """Once it rests: a hum, or a sensor that reads seldom, is to be told from an answer as white noise is."""
+        if self.coloured is not None:
+            self.unrest = min(max(self.noise, self.coloured.level), MOST_UNREST * self.noise)
+            self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
     def _chosen_deviation(self, travel: float) -> float:
         """From what the signals do, never from how far they are from 0."""
         controller = self.controller
         reach = controller.control_range / abs(controller.gains.kp) if controller.gains.kp else math.inf
-        scales = [NOISES * self.noise, REACH_SHARE * reach if math.isfinite(reach) else 0.0]
+        scales = [NOISES * self.unrest, REACH_SHARE * reach if math.isfinite(reach) else 0.0]
         chosen = max(scales) or TRAVEL_SHARE * travel
         if not chosen > 0.0:
             scale = "neither noise nor limits of the control nor a move of the setpoint give a scale"
@@ -104,7 +116,7 @@ class LoopBaseline:
     @property
     def least_move(self) -> float:
         """The smallest move of the measurement that can be told from what it does by itself."""
-        return max(self.noise, LEAST_MOVE_SHARE * self.deviation_max)
+        return max(self.unrest, LEAST_MOVE_SHARE * self.deviation_max)
 
     @property
     def control_peak(self) -> float:
@@ -125,7 +137,7 @@ class LoopBaseline:
         return steady and self.swing <= RESTLESS_SHARE * self.deviation_max
 
     @property
-    def unrest(self) -> str:
+    def why_not_at_rest(self) -> str:
         """Why it is not at rest."""
         if max(abs(self.offset), abs(self.drift)) > STEADY_STATE_SHARE * self.deviation_max:
             return f"measurement {self.offset:+.4g} off the setpoint, drifting by {self.drift:+.4g}"

@@ -1,0 +1,93 @@
+"""A hum in the measurement is told from an answer as white noise is: the loop is moved by more, not refused."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from compare import autotuned
+from foreign_plants.gallery import GALLERY, Exhibit
+from foreign_plants.parts import Actuator, Plant, Sensor, State
+from judging import judge
+from virtual_loop import VirtualLoop
+
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.gain_update import read_running_controller
+from fopid_ros.tuner.learning.loop_baseline import MOST_UNREST, NOISES, LoopBaseline
+
+HUM, PERIOD, NOISE = 0.5, 7.0, 0.1
+
+
+class HummingSensor(Sensor):
+    """With a sinusoid on top."""
+
+    hum = HUM
+
+    def begin(self, seed: int) -> None:
+        super().begin(seed)
+        self._time = 0.0
+
+    def read(self, value: float, dt: float) -> float:
+        self._time += dt
+        return super().read(value + self.hum * math.sin(2.0 * math.pi * self._time / PERIOD), dt)
+
+
+class Heater(Plant):
+    """Two lags, 90 and 20 s, 1.2 K for each percent."""
+
+    control_at_rest, rest, substep = 40.0, (48.0, 48.0), 0.5
+
+    def make_actuator(self) -> Actuator:
+        return Actuator(0.0, 100.0)
+
+    def make_sensor(self) -> Sensor:
+        return HummingSensor(noise=NOISE, step=0.05)
+
+    def slopes(self, x: State, u: float) -> State:
+        return ((1.2 * u - x[0]) / 90.0, (x[0] - x[1]) / 20.0)
+
+    def output(self, x: State) -> float:
+        return x[1]
+
+
+class QuietHeater(Heater):
+    """Without the hum."""
+
+    def make_sensor(self) -> Sensor:
+        return Sensor(noise=NOISE, step=0.05)
+
+
+def exhibit(plant: type[Plant]) -> Exhibit:
+    return Exhibit(plant, 1.0, (1.0, 0.01, 0.0), 5.0, 10.0, 800.0, (0.0, 120.0))
+
+
+def at_rest(plant: type[Plant], deviation_max: float = 0.0) -> LoopBaseline:
+    loop = VirtualLoop(exhibit(plant), 1)
+    loop.run(200.0)
+    wanted = ExperimentSettings(deviation_max=deviation_max)
+    made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), wanted)
+    made.measure()
+    return made.loop
+
+
+def test_all_that_the_measurement_does_at_rest_counts_and_white_noise_as_before() -> None:
+    quiet, humming = at_rest(QuietHeater), at_rest(Heater)
+    assert quiet.unrest == quiet.noise == pytest.approx(NOISE, rel=0.2)
+    rms = math.hypot(HUM / math.sqrt(2.0), NOISE)
+    assert humming.unrest == pytest.approx(rms, rel=0.1)
+    assert humming.noise < 0.5 * rms  # what is white of it
+    assert humming.unrest <= MOST_UNREST * humming.noise
+    assert humming.deviation_max == pytest.approx(NOISES * humming.unrest)
+    assert at_rest(Heater, 3.0).deviation_max == 3.0  # a band that somebody asks for stays
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_gains_are_found_and_they_are_better_than_those_that_ran(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(GALLERY, "heater", exhibit(Heater))
+    before, tuned = judge("heater", {}), autotuned("heater", seed)
+    assert tuned.label == "autotune", tuned.note
+    assert tuned.seen.safe
+    assert tuned.seen.load < 0.3 * before.load
+    assert tuned.seen.mean("setpoint") < 0.6 * before.mean("setpoint")
