@@ -38,7 +38,7 @@ BAND = 0.35
 BACK, ADDEND_GONE, TRIAL_GONE = 10.0, 1.5, 5.0
 """Within these times the loop is back, an addend without author is gone, a trial without author is over [s]: what
 docs/fail_safe.md promises (1 s, 3 s), and what a busy machine takes to start a process and to notice."""
-SILENT = 5.0
+SILENT = 2.0
 """No controller is silent for longer because another node was struck [s]; it ticks every 10 ms. That is the machine's
 business: eight loops on two cores; a neighbour's lock in shared memory would last for good."""
 ANSWER = 60.0

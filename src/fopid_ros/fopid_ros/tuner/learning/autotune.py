@@ -171,7 +171,7 @@ class Autotuner:
             return self._try_out(self._request.trial)
         began, outcome = self._tap.history.newest_time("control"), Outcome()
         self._tap.history.whole_since = began
-        sufficiency = Sufficiency(self._request.template, self._experiment.loop.noise, self._controller.sample_time)
+        sufficiency = Sufficiency(self._request.template, self._experiment.loop.unrest, self._controller.sample_time)
         for _ in range(EXPERIMENTS):
             ended = self._experiment.excite(lambda: sufficiency.look(self._tap.history.record(began)))
             if ended:
@@ -188,7 +188,7 @@ class Autotuner:
         """A model of all that was heard since ``began``, and gains for it."""
         self._wait.report(Stage("identifying", 0.6))
         record = self._tap.history.record(began)
-        found = identify(record, self._request.template, noise=self._experiment.loop.noise, unstable=False)
+        found = identify(record, self._request.template, noise=self._experiment.loop.unrest, unstable=False)
         if not found.success or found.best is None:
             return Outcome(message=f"nothing was changed: {found.message}", model=found.best, models=found.models)
         loop, now = self._experiment.loop, self._controller
