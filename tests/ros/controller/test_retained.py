@@ -138,6 +138,7 @@ def keep_on(folder: Path, told: int) -> None:
     while True:
         count += 1
         retainer.keep(kept(kp=float(count)))
+        retainer._writer.submit(int).result()  # where the disk was so busy that nobody waited for it
         os.write(told, f"{count}\n".encode())
 
 
