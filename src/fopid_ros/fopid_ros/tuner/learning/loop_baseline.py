@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.signal import detrend
 
 from fopid_core.design.identification.noise import SensorNoise, noise_at_rest, resolution, white_level
 from fopid_core.errors import InputError
@@ -20,8 +21,9 @@ STEADY_STATE_SHARE, RESTLESS_SHARE = 0.1, 0.2
 NOISES, REACH_SHARE, TRAVEL_SHARE = 40.0, 0.005, 0.1
 """The allowed deviation when nobody says it: so many times the noise, that share of the proportional band (the error
 that moves the control through its whole range), that share of the setpoint's moves."""
-MOST_UNREST = 4.0
-"""What is not white of what the measurement does at rest counts as so many times the white noise at most."""
+UNREST, MOST_UNREST = 1.5, 4.0
+"""What a measurement does at rest is more than white noise where it spreads by so many times that, or has a spectrum
+of its own; it counts as so many times the white noise at most."""
 LEAST_MOVE_SHARE = 0.005
 """Of the allowed deviation, that counts as noise where there is less: simulated sensors have none."""
 SMALL_STEP = 0.25
@@ -63,6 +65,7 @@ class LoopBaseline:
     drift: float = 0.0
     swing: float = 0.0
     coloured: SensorNoise | None = None
+    _spread: float = 0.0
     figures: LoopPerformance = field(default_factory=lambda: PerformanceMeter(1.0).figures)
 
     def measure(self, ticks: Sequence[Tick], deviation_max: float, travel: float) -> None:
@@ -87,14 +90,14 @@ class LoopBaseline:
         self.drift = float(second.mean() - first.mean())
         self.swing = 0.5 * float(np.ptp([part.mean() for part in np.array_split(measured, 10)]))
         self.noise = max(float(white_level(measured)), resolution(measured) / math.sqrt(12.0))
-        self.unrest = self.noise
+        self.unrest, self._spread = self.noise, float(np.std(detrend(measured)))
         self.coloured = noise_at_rest(measured, self.controller.sample_time)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
     def allow_for_unrest(self, deviation_max: float, travel: float) -> None:
-        """Once it rests: a hum, or a sensor that reads seldom, is to be told from an answer as white noise is."""
-        if self.coloured is not None:
-            self.unrest = min(max(self.noise, self.coloured.level), MOST_UNREST * self.noise)
+        """Once it rests: a hum, a small limit cycle or a sensor that reads seldom is to be told from an answer, too."""
+        if self.coloured is not None or self._spread > UNREST * self.noise:
+            self.unrest = min(max(self.noise, self._spread), MOST_UNREST * self.noise)
             self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
     def _chosen_deviation(self, travel: float) -> float:
