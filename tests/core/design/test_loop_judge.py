@@ -114,6 +114,17 @@ def test_more_movement_than_the_rules_counts_as_much_as_more_error_than_theirs(j
     assert short / errors == pytest.approx(1.3**2)
 
 
+def test_a_little_less_error_is_not_worth_eleven_times_the_movement(alone: LoopJudge) -> None:
+    """What half the movement is worth among designs, an eighth of the error, it is worth beside what runs, too."""
+    now = alone.worth(Loop(alone.process, alone.running.gains))
+    assert now.noise_gain < 0.05 * alone.noise_gain_max, "what nobody feels is no movement"
+    felt = 0.05 * alone.noise_gain_max
+    for movement, least in ((0.5 * felt, 0.95), (felt, 0.95), (2.0 * felt, 0.95 / 2.0**0.2), (11.0 * felt, 0.588)):
+        for share, refused in ((0.99 * least, False), (1.01 * least, True)):
+            new = replace(now, setpoint=share * now.setpoint, load=share * now.load, noise_gain=movement)
+            assert bool(alone.not_better(new)) == refused
+
+
 def test_the_noise_share_stays_where_the_rules_ask_for_more(judge: LoopJudge) -> None:
     judge.note_textbook(replace(RULE, load=0.3, noise_gain=50.0))
     assert judge.noise_gain_aim == judge.noise_gain_max == pytest.approx(10.0)

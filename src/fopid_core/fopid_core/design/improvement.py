@@ -48,6 +48,10 @@ MOST_VERIFIED = 4
 LARGEST, LARGEST_STEP = 100.0, 10.0
 """Gains searched up to where the record does not show the process's slow end, in units of the process's gain about
 where a controller would work, and of the gain that runs there: friction may hide that end, not so in larger moves."""
+UNSEEN_END = (
+    "the record does not show the slow end of the process, which dry friction may hide in small moves: watch the first "
+    "large step of the setpoint"
+)
 SLOWER = (0.5, 0.25)
 """Shares of a crossover that are tried where noise moves the control too much."""
 _POINTS, _DECADES = 600, (-7.0, 7.0)
@@ -156,7 +160,9 @@ def improve(
         told = f"{first.refusal}; none of {len(trial.made)} designs is better than what runs"
         return Improvement(False, told, first.tuned, candidates)
     _, tuned, wanted = best
-    return Improvement(True, f"{tuned.message}; {judge.told(tuned, wanted.rule or wanted.method)}", tuned, candidates)
+    unseen = f"; {UNSEEN_END}" if _box(identified, judge) else ""
+    told = f"{tuned.message}; {judge.told(tuned, wanted.rule or wanted.method)}{unseen}"
+    return Improvement(True, told, tuned, candidates)
 
 
 @dataclass(frozen=True)

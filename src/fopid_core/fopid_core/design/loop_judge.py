@@ -147,20 +147,33 @@ class LoopJudge:
 
     def reason(self, tuned: RobustTuning) -> str:
         """Why a design is not better than what runs; empty when it is."""
-        new, old = self._pair(tuned)
+        new, _ = self._pair(tuned)
         self.crossover = tuned.tuning.achieved.crossover if tuned.tuning and tuned.tuning.achieved else 0.0
         self.noise_excess = new.noise_gain / self.noise_gain_max
         if self.noise_excess > 1.0:
             return self.too_noisy(new)
         if tuned.tuning is not None and (too_fast := self.too_fast(loop_of(self.process, tuned.tuning))):
             return too_fast
+        return self.not_better(new)
+
+    def not_better(self, new: LoopWorth) -> str:
+        """Why what a design is worth is no more than what runs is, its movement in noise included."""
+        old = self.worth(self._runs)
         if math.isinf(old.setpoint):
             return "" if math.isfinite(new.setpoint) else "its responses are not known"
         if old.ms > self._ms_max:  # what runs is not to be kept, however fast it is
             return ""
         if new.setpoint > WORSE * old.setpoint or new.load > WORSE * old.load or self.errors(new) > BETTER:
             return f"not better than what runs on the learnt process: {new}; now {old}"
+        if self.errors(new) * self._more_movement(new, old) ** QUIET_WEIGHT > BETTER:
+            return f"not worth its movement beside what runs on the learnt process: {new}; now {old}"
         return ""
+
+    def _more_movement(self, new: LoopWorth, old: LoopWorth) -> float:
+        """By how much more noise moves the control, from what can be felt on; 1 where it moves it less."""
+        if math.isinf(self.noise_gain_max):
+            return 1.0
+        return max(new.noise_gain / max(old.noise_gain, LEAST_SHARE * self.noise_gain_max), 1.0)
 
     def too_fast(self, loop: Loop) -> str:
         """Why the limit on the control's moves forbids a loop; empty when it does not."""

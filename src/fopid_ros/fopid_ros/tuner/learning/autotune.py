@@ -190,7 +190,8 @@ class Autotuner:
         record = self._tap.history.record(began)
         found = identify(record, self._request.template, noise=self._experiment.loop.unrest, unstable=False)
         if not found.success or found.best is None:
-            return Outcome(message=f"nothing was changed: {found.message}", model=found.best, models=found.models)
+            told = f"nothing was changed: {found.message} ({self._experiment.made})"
+            return Outcome(message=told, model=found.best, models=found.models)
         loop, now = self._experiment.loop, self._controller
         wrong = contradicts_rest(found.best.process, now.gains, now.sample_time, now.filter)
         if wrong:

@@ -40,6 +40,8 @@ WANTED_NOISES, WANTED_SHARE = 15.0, 0.35
 """How far a probe is meant to move the measurement: so many noises, at most that share of the allowed deviation."""
 SEEN_SWINGS = 2.0
 """A move of so many times what the measurement does at rest is an answer."""
+SEEN_SHARE = 0.9 * WANTED_SHARE
+"""So is one of this share of the allowed deviation, nearly all that a probe is meant to make."""
 MOST_SHARE, MOST_LARGER_AGAIN = 0.6, 3.0
 """Share that an experiment aims at that is made because the one before said too little, and how much larger it is."""
 SETTLED_SHARE = 0.05
@@ -233,7 +235,7 @@ class ClosedLoopExperiment:
         """Find the amplitude that moves the measurement well beyond its noise, from below."""
         loop = self.loop
         amplitude = self._first_amplitude()
-        seen = max(SEEN_SWINGS * loop.swing, loop.least_move)
+        seen = max(min(SEEN_SWINGS * loop.swing, SEEN_SHARE * loop.deviation_max), loop.least_move)
         looks, share = (WAY_BACK, PROBE_SHARE_UNTIL_KNOWN) if self._wanted.until_known else ((), PROBE_SHARE)
 
         def is_back(guarded: GuardedExcitation) -> bool:
@@ -253,8 +255,9 @@ class ClosedLoopExperiment:
             if amplitude == self._most():
                 break
             amplitude = min(amplitude * MOST_LARGER, self._most())
-        moved = f"the measurement moved by no more than {self._peak:.3g} (noise {loop.noise:.3g})"
-        return f"{moved} when the control was moved by {amplitude:.3g}: is the loop closed?"
+        alone = f"noise {loop.noise:.3g}, by itself it swings by {loop.swing:.3g}"
+        moved = f"the measurement moved by no more than {self._peak:.3g} ({alone})"
+        return f"{moved} when the control was moved by {amplitude:.3g}, the most that is allowed: is the loop closed?"
 
     def _first_amplitude(self) -> float:
         loop, kp = self.loop, abs(self.loop.controller.gains.kp)
@@ -315,6 +318,12 @@ class ClosedLoopExperiment:
         self._peak = guarded.peak
         if guarded.answer_time > 0.0:
             self._foresight = guarded.answer_time
+
+    @property
+    def made(self) -> str:
+        """How large the last experiment was, in the words of what can be asked for."""
+        band = f"the measurement by {self._peak:.3g} of the {self.loop.deviation_max:.3g} that deviation_max allows"
+        return f"amplitude moved the control by {self._amplitude:.3g}, {band}"
 
     def residual_transient(self) -> float:
         """What may still be left of the experiment when the new gains come."""
