@@ -147,3 +147,11 @@ def test_samples_that_are_lost_widen_the_bands_and_leave_the_ticks_where_they_ar
     assert np.mean(inside[there]) > 0.9
     truth = figures(*_signals(other))
     assert found.after_low.iae <= truth.iae <= found.after_high.iae
+
+
+@pytest.mark.timeout(120)
+def test_where_a_process_that_hardly_damps_is_found_others_about_it_are_drawn() -> None:
+    """None was within what was looked for, and so it went on drawing for ever."""
+    plant = Foreign(8871)
+    found = replay(plant.run(plant.running, SAMPLES), ControllerSettings(plant.wanted), seed=8871)
+    assert found.message

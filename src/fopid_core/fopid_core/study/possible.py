@@ -30,6 +30,8 @@ _WIDTHS = (0.1, 1.0)
 """As shares of the usual ones, since what shows clearly is known far better."""
 _BANDS, _NEAR_BAND = (5e-4, 0.25), 0.1
 """Dead bands, as shares of the control's range; and how far about one that was found the sampling begins."""
+_MOST_RINGING = 25.0
+"""The shape of two lags that is looked for at most, or four times what was found: a damping of 0.1."""
 _SHIFT = 0.05
 """By how much of the range limits that were found may be off."""
 _USUAL_BEND, _USUAL_LOAD = 0.3, 0.5
@@ -103,7 +105,7 @@ class _Posterior:
         self._band_known = bool(found.dead_band) and found.slip == flaws.slip
         band = math.log(float(found.dead_band)) if self._band_known else math.nan
         rows = [
-            (center[0] - 3.0, center[0] + 3.0), (1e-6, 25.0), (0.0, most),
+            (center[0] - 3.0, center[0] + 3.0), (1e-6, max(_MOST_RINGING, 4.0 * center[1])), (0.0, most),
             (np.fmin(least_band, band - 1.0), most_band), (-1.0, 1.0),
         ]  # fmt: skip
         self._limited = math.isfinite(float(flaws.low)) or math.isfinite(float(flaws.high))

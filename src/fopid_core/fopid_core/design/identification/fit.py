@@ -17,6 +17,8 @@ from fopid_core.design.identification.structure import Structure
 from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.model.process import Process
 
+NO_DELAY = 1e-3
+"""A delay of a smaller share of the sample time is none: it changes no sample, and responses behind it take minutes."""
 _DEPENDENT = 1e-7
 """Columns whose singular value is this share of the largest are as good as dependent."""
 
@@ -103,7 +105,10 @@ def fit(response: RecordResponse, start: Floats, rows: Booleans, evaluations: in
         xtol=1e-9,
         gtol=1e-12,
     )
-    return at(response, found.x, rows)
+    x = found.x
+    if x[-1] < NO_DELAY * response.sample_time:
+        x[-1] = 0.0
+    return at(response, x, rows)
 
 
 def at(response: RecordResponse, x: Floats, rows: Booleans) -> Fit:
