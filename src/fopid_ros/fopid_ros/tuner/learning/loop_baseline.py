@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.signal import detrend
 
 from fopid_core.design.identification.noise import SensorNoise, noise_at_rest, resolution, white_level
 from fopid_core.errors import InputError
@@ -90,7 +89,9 @@ class LoopBaseline:
         self.drift = float(second.mean() - first.mean())
         self.swing = 0.5 * float(np.ptp([part.mean() for part in np.array_split(measured, 10)]))
         self.noise = max(float(white_level(measured)), resolution(measured) / math.sqrt(12.0))
-        self.unrest, self._spread = self.noise, float(np.std(detrend(measured)))
+        instants = np.arange(measured.size)
+        line = np.polynomial.Polynomial.fit(instants, measured, 1)
+        self.unrest, self._spread = self.noise, float(np.std(measured - line(instants)))
         self.coloured = noise_at_rest(measured, self.controller.sample_time)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
