@@ -51,6 +51,20 @@ def test_uneven_instants_are_weighted_by_their_spacing() -> None:
     assert indices(uneven, np.exp(-uneven)).iae == pytest.approx(1.0, rel=1e-5)
 
 
+@pytest.mark.parametrize("power", [0.1, 0.34, 0.6])
+def test_an_error_that_begins_at_infinity_has_an_integral_up_to_some_power(power: float) -> None:
+    """t^-p exp(-t), against the gamma function."""
+    time = np.concatenate([[0.0], np.geomspace(1e-8, 40.0, 40001)])
+    with np.errstate(divide="ignore"):
+        found = indices(time, -(time**-power) * np.exp(-time))
+    assert found.iae == pytest.approx(math.gamma(1.0 - power), rel=1e-5)
+    assert found.itae == pytest.approx(math.gamma(2.0 - power), rel=1e-5)
+    assert found.itse == pytest.approx(math.gamma(2.0 - 2.0 * power) / 2.0 ** (2.0 - 2.0 * power), rel=1e-5)
+    assert found.istes == pytest.approx(math.gamma(5.0 - 2.0 * power) / 2.0 ** (5.0 - 2.0 * power), rel=1e-5)
+    square = math.gamma(1.0 - 2.0 * power) / 2.0 ** (1.0 - 2.0 * power) if power < 0.5 else math.inf
+    assert found.ise == pytest.approx(square, rel=1e-4)
+
+
 def test_the_sum_takes_weights_and_only_known_ones() -> None:
     found = Indices(1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
     assert found.weighted_sum() == 63.0

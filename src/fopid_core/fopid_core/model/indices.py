@@ -56,7 +56,8 @@ def indices(time: ArrayLike, error: ArrayLike) -> Indices:
     time : array_like, shape (n,)
         Instants [s], increasing; the spacing need not be even.
     error : array_like, shape (n,)
-        Setpoint minus output at these instants.
+        Setpoint minus output at these instants. One that is infinite at first, behind a derivative of the setpoint of
+        an order above 1, falls as a power of time, which has an integral up to some power.
 
     Examples
     --------
@@ -66,16 +67,30 @@ def indices(time: ArrayLike, error: ArrayLike) -> Indices:
     1.0
     """
     t, e = np.asarray(time, dtype=float), np.asarray(error, dtype=float)
-    integrands = {
-        "iae": np.abs(e),
-        "ise": e**2,
-        "itae": t * np.abs(e),
-        "itse": t * e**2,
-        "istes": (t**2 * e) ** 2,
-        "istse": t**2 * e**2,
-    }
-    step = np.diff(t)
-    return Indices(**{name: float(np.sum(step * (f[1:] + f[:-1])) / 2.0) for name, f in integrands.items()})
+    with np.errstate(invalid="ignore"):  # 0 times infinity at the first instant
+        integrands = {
+            "iae": np.abs(e),
+            "ise": e**2,
+            "itae": t * np.abs(e),
+            "itse": t * e**2,
+            "istes": (t**2 * e) ** 2,
+            "istse": t**2 * e**2,
+        }
+    if e.size > 2 and np.isinf(e[0]):
+        return Indices(**{name: _from_infinite(t, f) for name, f in integrands.items()})
+    return Indices(**{name: _integral(t, f) for name, f in integrands.items()})
+
+
+def _integral(t: Floats, f: Floats) -> float:
+    return float(np.sum(np.diff(t) * (f[1:] + f[:-1])) / 2.0)
+
+
+def _from_infinite(t: Floats, f: Floats) -> float:
+    """Of what falls from an infinite error as a power of time; infinite where that power is -1 or steeper."""
+    if not 0.0 < f[1] < np.inf or not 0.0 < f[2] < np.inf:
+        return _integral(t[1:], f[1:])
+    power = float(np.log(f[2] / f[1]) / np.log(t[2] / t[1]))
+    return _integral(t[1:], f[1:]) + (float(f[1] * t[1]) / (power + 1.0) if power > -1.0 else float("inf"))
 
 
 def overshoot_pct(output: ArrayLike, setpoint: float = 1.0) -> float:
