@@ -143,6 +143,25 @@ def test_noise_of_the_past_is_no_move_when_a_derivative_comes_with_a_filter(mu: 
     assert max(moves) < 0.01, "one tick of the integral"
 
 
+@pytest.mark.parametrize("sample_time", [1.0, 0.05])
+@pytest.mark.parametrize("mu", [0.6, 1.0, 1.0923, 1.3])
+def test_nor_does_it_move_the_control_later(mu: float, sample_time: float) -> None:
+    """A control at rest at 40 % went to its limit in the second tick: the derivative still held what noise had been."""
+    noise = 0.1
+    before = ControllerSettings(Fopid(1.0, 0.01), sample_time)
+    slow = {"measurement_filter_order": 2, "measurement_filter_time": 4.0}
+    after = ControllerSettings(Fopid(5.4, 0.1, 79.0, 1.0, mu), sample_time, **slow)
+    behind = FopidController(after)
+    steps = [behind.step(0.0, 0.0 if k < 10 else 4.0 * noise) for k in range(10 + round(20.0 / sample_time))]
+    for seed in range(10):
+        measured = np.random.default_rng(seed).normal(scale=noise, size=4000)
+        changing = FopidController(before)
+        rest = [changing.step(0.0, float(y)) for y in measured[:2000]][-1]
+        changing.reconfigure(after)
+        control = [changing.step(0.0, float(y)) for y in measured[2000 : 2000 + round(20.0 / sample_time)]]
+        assert np.abs(np.array(control) - rest).max() < np.abs(steps).max(), "as a step by four deviations moves it"
+
+
 @pytest.mark.parametrize("weight", [0.0, 0.6, 1.0])
 def test_the_setpoint_acts_at_once_also_where_a_filter_takes_over(weight: float) -> None:
     after = ControllerSettings(

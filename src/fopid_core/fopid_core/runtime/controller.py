@@ -91,7 +91,8 @@ class FopidController:
 
         With ``bumpless`` the next control moves by what a controller with the new gains all along would
         have moved it by; without, it goes to where such a controller would have been. The past holds noise that a
-        slower filter of the measurement would not have let in: integral and setpoint alone move that control.
+        slower filter of the measurement would not have let in: the derivative forgets what is faster than that filter,
+        and integral and setpoint alone move the next control.
         """
         state, before = self.state, self._settings
         old = self._settle() if settings.gains != before.gains else self._parts
@@ -99,9 +100,11 @@ class FopidController:
         # A new weight must not look like a jump of the differentiated signal.
         new_weight = settings.derivative_setpoint_weight - before.derivative_setpoint_weight
         self._shift += new_weight * (state.setpoint - self._origin)
-        self._go_on_from(old)
         slower = self._filter is not None and settings.measurement_filter_time > before.measurement_filter_time
-        self._joins |= slower and settings.bumpless and self._started
+        if slower and settings.bumpless and self._started:
+            self._operators.forget_faster(settings.measurement_filter_time)
+            self._joins = True
+        self._go_on_from(old)
 
     @property
     def reading(self) -> Reading:

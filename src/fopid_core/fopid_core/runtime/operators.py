@@ -101,6 +101,15 @@ class Operators:
         self._now[self.size - 1] = after
         return float(before - after)
 
+    def forget_faster(self, time: float) -> None:
+        """Take the differentiated signal for one that has moved no faster than a lag of this time constant lets it [s].
+
+        It goes on from its last value. What the quick washouts and the slopes hold is what noise has left in them.
+        """
+        n, quick = self.integrated, self._poles * time > 1.0
+        self._now[n : n + quick.size][quick] = 0.0
+        self._now[n + quick.size + 1 : n + quick.size + DIFFERENCES] = 0.0
+
     def keep_in(self, matrix: Matrix, memory: Vector) -> None:
         """Let matrix and memory live in these arrays from now on: rows of a bank, which then does the ticks."""
         matrix[...], memory[...] = self.matrix, self._now
