@@ -34,7 +34,9 @@ def errors(name: str, **settings: Any) -> tuple[float, float]:
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize(("name", "slow_end_seen"), [("heat_exchanger", True), ("motor_position", False)])
+@pytest.mark.parametrize(
+    ("name", "slow_end_seen"), [("heat_exchanger", True), ("motor_position", False), ("levitation", True)]
+)
 def test_new_gains_beat_those_that_ran(name: str, slow_end_seen: bool) -> None:
     exhibit = GALLERY[name]
     loop = VirtualLoop(exhibit, seed=1)
@@ -46,6 +48,7 @@ def test_new_gains_beat_those_that_ran(name: str, slow_end_seen: bool) -> None:
     assert outcome.success, outcome.message
     assert loop.statuses == ["trial", "verified"]
     assert ("watch the first large step of the setpoint" in outcome.message) != slow_end_seen
+    assert ("runs away" in outcome.message) == (name == "levitation")
     before, after = errors(name), errors(name, **loop.tuned_settings())
     assert after[0] < before[0]
     assert after[1] < before[1]

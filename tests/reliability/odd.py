@@ -15,6 +15,8 @@ NUMBERS = (
     float("nan"), float("inf"), float("-inf"), 0.0, -0.0, -1.0, 1e308, -1e308, 1e-320, 1e100, 0.5, 1.0,
 )  # fmt: skip
 LENGTHS = (0, 1, 3, 1_000)
+IN_LISTS = 100
+"""Characters of a text in a list at most: a million of 1,000 are a request of a third of a gigabyte."""
 WHOLE = re.compile(r"(u?)int(8|16|32|64)")
 
 
@@ -29,7 +31,7 @@ def odd(draw: random.Random, kind: str, most: int = 1_000_000) -> Any:
     if listed := re.fullmatch(r"sequence<([^,]+)(?:, \d+)?>", kind):
         count = draw.choice((*LENGTHS, most) if draw.random() < 0.1 else LENGTHS)
         few = [odd(draw, listed[1], 3) for _ in range(min(count, 3))]
-        few = [value[:1_000] if isinstance(value, str) else value for value in few]
+        few = [value[:IN_LISTS] if isinstance(value, str) else value for value in few]
         return (few * (count // 3 + 1))[:count] if few else []
     if fixed := re.fullmatch(r"(.+)\[(\d+)\]", kind):
         return [odd(draw, fixed[1]) for _ in range(int(fixed[2]))]

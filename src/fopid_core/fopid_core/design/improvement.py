@@ -52,6 +52,7 @@ UNSEEN_END = (
     "the record does not show the slow end of the process, which dry friction may hide in small moves: watch the first "
     "large step of the setpoint"
 )
+RUNS_AWAY = "learnt as a process that runs away without a controller"
 SLOWER = (0.5, 0.25)
 """Shares of a crossover that are tried where noise moves the control too much."""
 _POINTS, _DECADES = 600, (-7.0, 7.0)
@@ -161,6 +162,7 @@ def improve(
         return Improvement(False, told, first.tuned, candidates)
     _, tuned, wanted = best
     unseen = f"; {UNSEEN_END}" if _box(identified, judge) else ""
+    unseen = f"; {RUNS_AWAY}" if identified.best.structure.runs_away else unseen
     told = f"{tuned.message}; {judge.told(tuned, wanted.rule or wanted.method)}{unseen}"
     return Improvement(True, told, tuned, candidates)
 
@@ -294,20 +296,24 @@ def _hold_to_textbook(identified: IdentificationResult, request: TuningRequest, 
 
 
 def _in_time(request: TuningRequest, judge: LoopJudge, identified: IdentificationResult) -> TuningRequest:
-    """A search for the least error after both steps, under what noise and limits allow."""
+    """A search for the least error after both steps, under what noise and limits allow.
+
+    Of a process that runs away it begins with the gains that hold it: few others do.
+    """
+    held = identified.best is not None and identified.best.structure.runs_away
     return replace(
         _with_noise_bound(request, judge), method="time", index="iae", input="both",
         load_weight=LOAD_WEIGHTED * judge.load_scale, filter_order=FILTER_ORDER, two_degrees=True,
         ms_max=request.ms_max or MS_MAX, u_max=judge.control_peak, rate_max=judge.control_rate,
         phase_margin=None, crossover=None, t_max=None, s_max=None, rule=None, bounds=_box(identified, judge),
-        fixed={**WHOLE_INTEGRAL, **request.fixed},
+        fixed={**WHOLE_INTEGRAL, **request.fixed}, start=judge.running.gains if held else request.start,
     )  # fmt: skip
 
 
 def _box(identified: IdentificationResult, judge: LoopJudge) -> dict[str, tuple[float, float]]:
     """Ranges of the gains where a steady-state gain that the record has not shown would give far too small ones."""
     best = identified.best
-    if best is None:
+    if best is None or best.structure.runs_away:
         return {}
     w = best.crossover
     at_work = complex(best.process(1j * w))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -60,3 +61,30 @@ def closed_loop(
 def square_wave(period: int, low: float = 0.0) -> Signal:
     """Between ``low`` and ``low + 1``, in samples."""
     return lambda k: low + float(k // (period // 2) % 2)
+
+
+BALL_RUNAWAY, BALL_GAIN = 14.0, -3132.0
+"""Of the ball below at its rest: x'' = 14.0^2 x - 3132 i, gap in mm, current in A."""
+
+
+def levitated_ball(samples: int, seed: int = 0) -> Record:
+    """A steel ball 50 mm below a magnet, held by a PID without filter at 2 ms, with bits added to the current.
+
+    The pull goes with the square of the current over the gap: the derivative's noise in the current makes a load.
+    """
+    rng, h = np.random.default_rng(seed), 0.002
+    rest = math.sqrt(39.24)  # 0.1 kg, 0.01 H, 50 mm
+    bits = 0.05 * np.repeat(rng.choice([-1.0, 1.0], samples // 100 + 1), 100)[:samples]
+    gap, speed, integral, error_before = 0.05, 0.0, 0.0, 0.0
+    control, measured = np.zeros(samples), np.zeros(samples)
+    for k in range(samples):
+        measured[k] = round((1000.0 * gap + 0.02 * rng.standard_normal()) / 0.01) * 0.01
+        error = 50.0 - measured[k]
+        integral += h * error
+        control[k] = rest - 0.6 * error - 2.0 * integral - 0.02 * (error - error_before) / h + bits[k]
+        error_before = error
+        for _ in range(4):  # steps of the leapfrog method
+            gap += 0.125 * h * speed
+            speed += 0.25 * h * (9.81 - 0.0025 * (control[k] / (0.05 + gap)) ** 2)
+            gap += 0.125 * h * speed
+    return Record(h * np.arange(samples), control, measured, excitation=bits)

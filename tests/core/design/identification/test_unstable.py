@@ -18,7 +18,7 @@ from fopid_core.design.recorded_tuning import tune_recorded
 from fopid_core.model.fopid import Fopid
 
 from .frequency_response_campaign import Sample, prbs
-from .recorded import open_loop
+from .recorded import BALL_GAIN, BALL_RUNAWAY, levitated_ball, open_loop
 from .unstable_campaign import run, worst_sensitivity
 
 HELD = {
@@ -61,6 +61,18 @@ def test_what_a_loop_holds_is_learnt_with_a_confidence_that_contains_it(name: st
     assert error <= 3.0 * model.deviation
     assert error < 0.05
     assert model.noise == pytest.approx(0.01, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+def test_where_the_noise_of_its_own_control_loads_the_process_that_noise_is_made_white(seed: int) -> None:
+    found = identify(levitated_ball(7000, seed), noise=0.02)
+    assert found.success, found.message
+    assert found.best.structure.runs_away
+    assert found.best.in_coloured_noise
+    for w in (5.0, 15.0, 50.0):
+        true = BALL_GAIN / ((1j * w) ** 2 - BALL_RUNAWAY**2)
+        assert abs(complex(found.best.process(1j * w)) / true - 1.0) < 0.12
 
 
 def test_who_does_not_look_for_such_a_process_finds_none() -> None:

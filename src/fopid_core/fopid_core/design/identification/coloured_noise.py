@@ -11,17 +11,18 @@ from scipy.signal import lfilter
 from fopid_core.design.identification.fit import Fit, fit
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition, RecordResponse
+from fopid_core.design.identification.runaway import RunawayResponse
 from fopid_core.design.identification.structure import Structure
 from fopid_core.model.arrays import Booleans, Floats
 
-ORDER = 6
-"""Of the autoregression."""
+ORDER, LONG_ORDER = 6, 32
+"""Of the autoregression, and of that for a process that runs away: noise of its own control is slow beside ticks."""
 _ROUNDS = 2
 _EVALUATIONS = 20
 
 
-def whitener(residual: Floats) -> Floats:
-    """The filter that leaves of a residual, shape (n,), what its past does not tell, shape (1 + ORDER,).
+def whitener(residual: Floats, order: int = ORDER) -> Floats:
+    """The filter that leaves of a residual, shape (n,), what its past does not tell, shape (1 + order,).
 
     Examples
     --------
@@ -29,30 +30,41 @@ def whitener(residual: Floats) -> Floats:
     >>> whitener(lfilter([1.0], [1.0, -0.9], white)).round(1)[:3] + 0.0
     array([ 1. , -0.9,  0. ])
     """
-    past = np.stack([np.roll(residual, i)[ORDER:] for i in range(1, ORDER + 1)], axis=1)
-    weights = np.linalg.lstsq(past, residual[ORDER:], rcond=1e-8)[0]
+    past = np.stack([np.roll(residual, i)[order:] for i in range(1, order + 1)], axis=1)
+    weights = np.linalg.lstsq(past, residual[order:], rcond=1e-8)[0]
     return np.append(1.0, -np.asarray(weights, dtype=np.float64))
 
 
-class WhitenedResponse(RecordResponse):
-    """A response, and the measurement, behind a filter."""
+class _Whitened(RecordResponse):
+    """Mixed into a response: it, and what it is fitted to, behind a filter."""
 
     def __init__(self, record: Record, structure: Structure, start: InitialCondition, whitening: Floats) -> None:
         super().__init__(record, structure, start)
         self._whitening = whitening
-        self.measurement = self._behind(self.measurement)
 
     def columns(self, x: Floats) -> Floats:
         """The same behind the filter."""
-        return self._behind(super().columns(x))
+        return self._filtered(super().columns(x))
+
+    def target(self, x: Floats) -> Floats:
+        """The same behind the filter."""
+        return self._filtered(super().target(x))
+
+    def _filtered(self, signals: Floats) -> Floats:
+        filtered: Floats = lfilter(self._whitening, np.ones(1), signals, axis=0)
+        return filtered
+
+
+class WhitenedResponse(_Whitened):
+    """A response, and the measurement, behind a filter."""
 
     def slopes(self, x: Floats, coefficients: Floats) -> Floats:
         """The same behind the filter."""
-        return self._behind(super().slopes(x, coefficients))
+        return self._filtered(super().slopes(x, coefficients))
 
-    def _behind(self, signals: Floats) -> Floats:
-        behind: Floats = lfilter(self._whitening, np.ones(1), signals, axis=0)
-        return behind
+
+class WhitenedRunawayResponse(_Whitened, RunawayResponse):
+    """The response of a process that runs away, behind a filter: its slopes are differences of what is behind it."""
 
 
 def fit_in_coloured_noise(record: Record, found: Fit, rows: Booleans) -> tuple[Fit, Fit]:
@@ -65,12 +77,14 @@ def fit_in_coloured_noise(record: Record, found: Fit, rows: Booleans) -> tuple[F
         One that takes the noise for white, to all samples of the record.
     rows : ndarray of bool, shape (n,)
     """
-    began = rows & (np.arange(rows.size) >= ORDER)
+    runs_away = found.structure.runs_away
+    kind, order = (WhitenedRunawayResponse, LONG_ORDER) if runs_away else (WhitenedResponse, ORDER)
+    began = rows & (np.arange(rows.size) >= order)
     plain, white = found, found
     for _ in range(_ROUNDS):
-        response = WhitenedResponse(record, found.structure, found.response.start, whitener(plain.residual))
+        response = kind(record, found.structure, found.response.start, whitener(plain.residual, order))
         white = fit(response, plain.x, began, _EVALUATIONS, 1e-6)
-        residual = found.response.measurement - found.response.columns(white.x) @ white.coefficients
+        residual = found.response.target(white.x) - found.response.columns(white.x) @ white.coefficients
         error = float(np.sqrt(np.mean(residual[rows] ** 2)))
         plain = Fit(found.response, white.x, white.coefficients, residual, error, rows)
     return plain, white

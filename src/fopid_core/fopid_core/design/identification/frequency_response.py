@@ -38,7 +38,7 @@ CONFIDENCE = 0.95
 POINTS = 24
 TELLS = 0.5
 """A response whose region is wider than this share of its size is not known."""
-_LENGTH = 3000
+_LENGTH = 8192
 """Longer records are looked at in so many pieces: the control's mean over each, and the measurement where it begins."""
 _ENOUGH = 4
 """Of many pieces the longest, until they hold so many times that."""

@@ -276,9 +276,11 @@ def identify(
         runaways = _models(record, rough, list(UNSTABLE_STRUCTURES.values()))
         models += runaways
         best = _preferred(tuple(m for m in runaways if not _refusal(record, m, noise)) or (best,))
-    may_be_coloured = disturbances and not best.structure.runs_away
-    if may_be_coloured and _explains_little(best) and record.is_regular and best.fitted.rows.size == record.time.size:
+    if disturbances:
         best = _in_coloured_noise(record, best)
+        if runaways and _refusal(record, best, noise):  # last of all: noise of its own control may hide what holds it
+            noisy = _in_coloured_noise(record, _preferred(runaways))
+            best = best if _refusal(record, noisy, noise) else noisy
     refusal = _refusal(record, best, noise)
     if refusal and runaways and _preferred(runaways).fit_pct > max(best.fit_pct, LEAST_FIT):
         best = _preferred(runaways)  # it tells more of what is amiss
@@ -324,9 +326,12 @@ def _explains_little(best: IdentifiedModel) -> bool:
 def _in_coloured_noise(record: Record, best: IdentifiedModel) -> IdentifiedModel:
     """The same structure, where an autoregression makes white what it leaves, and it explains enough; else the model.
 
-    Only where the noise is so large that it matters.
+    Only where the noise is so large that it matters, and the record has even samples, not too many.
     """
     found = best.fitted
+    every = record.is_regular and found.rows.size == record.time.size
+    if not _explains_little(best) or not every:
+        return best
     judges = validation_samples(found.rows.size)
     trained, _ = fit_in_coloured_noise(record, found, ~judges)
     plain, white = fit_in_coloured_noise(record, found, np.ones_like(judges))

@@ -188,7 +188,7 @@ class Autotuner:
         """A model of all that was heard since ``began``, and gains for it."""
         self._wait.report(Stage("identifying", 0.6))
         record = self._tap.history.record(began)
-        found = identify(record, self._request.template, noise=self._experiment.loop.unrest, unstable=False)
+        found = identify(record, self._request.template, noise=self._experiment.loop.unrest)
         if not found.success or found.best is None:
             told = f"nothing was changed: {found.message} ({self._experiment.made})"
             return Outcome(message=told, model=found.best, models=found.models)
