@@ -45,6 +45,8 @@ KINDS = {
     "notch": "(s^2+1)/(s+1)^4",
     "no steady-state gain": "s/(s+1)^3",
 }
+LASTING = ("fractional lag below one", "delay in the denominator", "hardly damped", "two delays")
+"""Take seconds each."""
 
 
 @cache
@@ -95,7 +97,10 @@ def test_the_error_of_the_fractional_model_is_the_integral_over_frequency(proces
     assert model.h2_error == pytest.approx(math.sqrt(squared_norm(read_process(process), model.process)), rel=1e-3)
 
 
-@pytest.mark.parametrize("text", KINDS.values(), ids=KINDS.keys())
+@pytest.mark.parametrize(
+    "text",
+    [pytest.param(text, id=name, marks=pytest.mark.slow if name in LASTING else []) for name, text in KINDS.items()],
+)
 def test_a_template_is_never_worse_than_one_it_contains(text: str) -> None:
     errors = {name: model.relative_error for name, model in models(text).items()}
     allowance = 1e-6

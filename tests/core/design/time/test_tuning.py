@@ -28,7 +28,12 @@ from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.runtime.simulation import simulate
 
 INDICES = ("iae", "ise", "itae", "itse", "istes", "istse", "sum")
-CASES = [(process, index) for process in TEST_BENCH for index in INDICES]
+QUICK = ("itae", "sum")
+"""Of the other processes than P1, what the fast tests try."""
+CASES = [
+    pytest.param(process, index, marks=[] if process == "P1" or index in QUICK else pytest.mark.slow)
+    for process in TEST_BENCH for index in INDICES
+]  # fmt: skip
 PLAIN = {"lam": 1.0, "mu": 1.0}
 
 
@@ -161,9 +166,10 @@ def test_bounds_on_the_numbers_are_kept() -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "1/s", "1/s*exp(-s)", "1/(s(s+1))", "1/(s-1)", "1/((s-1)(0.1s+1))", "-2/(s+1)^2", "(1-s)/(s+1)^2",
-        "1/(s+1)*exp(-5s)", "0.01/(300s+1)*exp(-100s)", "1/(0.8s^2.2+0.5s^0.9+1)", "1/(s^2+0.1s+1)",
-        pytest.param("1/(s^0.5+1)", marks=pytest.mark.slow),
+        "1/s*exp(-s)", "1/((s-1)(0.1s+1))", "-2/(s+1)^2", "(1-s)/(s+1)^2", "1/(s+1)*exp(-5s)",
+        "0.01/(300s+1)*exp(-100s)", "1/(0.8s^2.2+0.5s^0.9+1)",
+        *[pytest.param(text, marks=pytest.mark.slow)
+          for text in ("1/s", "1/(s(s+1))", "1/(s-1)", "1/(s^2+0.1s+1)", "1/(s^0.5+1)")],
     ],
 )  # fmt: skip
 def test_other_kinds_of_process_are_tuned_and_never_to_an_unstable_loop(text: str) -> None:
