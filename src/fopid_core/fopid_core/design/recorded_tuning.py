@@ -15,7 +15,7 @@ from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
 from fopid_core.design.identification.record import Record
 from fopid_core.design.loop_worth import noise_gain
-from fopid_core.design.response_verification import held_to_record, no_objection
+from fopid_core.design.response_verification import held_to_record, no_objection, runs_away_instead
 from fopid_core.design.robust_verification import RobustLimits, RobustTuning, tune_robustly
 from fopid_core.design.specification import Clock, TuningRequest, TuningResult
 from fopid_core.model.loop import Loop
@@ -218,6 +218,8 @@ def tune_recorded(
     )
     noise, judges = sensor_noise(record), identified is None
     identified = identified or identify(record, template, clock, noise.level if noise.at_rest else 0.0)
+    if judges and template == "all" and identified.success and identified.best is not None:
+        identified = runs_away_instead(record, identified.best, noise.level if noise.at_rest else 0.0) or identified
     best = identified.best
     if not identified.success or best is None:
         return RecordedTuning(False, identified.message, identified, noise)

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from fopid_core.design.identification.frequency_response import FrequencyResponse, frequency_response
-from fopid_core.design.identification.identify import IdentifiedModel
+from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, identify
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
+from fopid_core.design.identification.structure import UNSTABLE_STRUCTURES
 from fopid_core.design.sampled_loop import running
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.fopid import Fopid
@@ -23,6 +24,8 @@ _GAP = 2
 """Samples that are left out where a load came, which no past tells."""
 FEWEST, SHARE = 3, 0.3
 """So many frequencies must be left, and such a share of those known, for its structure to be wrong."""
+THROUGHOUT = 0.9
+"""A model that leaves such a share is wrong throughout: of another kind."""
 
 
 def contradicts(response: FrequencyResponse, process: Process) -> str:
@@ -36,6 +39,27 @@ def contradicts(response: FrequencyResponse, process: Process) -> str:
 def doubt_of(record: Record, learnt: IdentifiedModel) -> str:
     """How a process that was learnt from a record contradicts it; empty where it does not."""
     return contradicts(_seen(record, learnt), learnt.process)
+
+
+def runs_away_instead(record: Record, learnt: IdentifiedModel, noise: float) -> IdentificationResult | None:
+    """A process that runs away, where the record contradicts a stable one throughout and does not contradict it.
+
+    A loop that holds such a process may look like a stable one beside a load (one of 320 in a campaign did): gains for
+    that are near 0, and nothing that is known at some frequencies alone tells that they let it go.
+
+    Parameters
+    ----------
+    record : Record
+    learnt : IdentifiedModel
+    noise : float
+        Of the measurement, a standard deviation; 0 where it is not known.
+    """
+    seen = _seen(record, learnt)
+    outside = int(seen.outside(learnt.process, BEYOND).sum())
+    if learnt.structure.runs_away or outside <= max(FEWEST, THROUGHOUT * int(seen.known.sum())):
+        return None
+    found = identify(record, ",".join(UNSTABLE_STRUCTURES), noise=noise)
+    return found if found.success and found.best and not doubt_of(record, found.best) else None
 
 
 def _seen(record: Record, learnt: IdentifiedModel) -> FrequencyResponse:

@@ -19,7 +19,7 @@ from fopid_core.model.fopid import Fopid
 
 from .frequency_response_campaign import Sample, prbs
 from .recorded import BALL_GAIN, BALL_RUNAWAY, levitated_ball, open_loop
-from .unstable_campaign import run, worst_sensitivity
+from .unstable_campaign import made, run, worst_sensitivity
 
 HELD = {
     "1/(s-1)": (Sample([1.0], [1.0, -1.0], 0.1, 1.0), Fopid(3.0, 0.6)),
@@ -91,6 +91,19 @@ def test_gains_for_it_hold_the_true_process() -> None:
     assert tuned.success, tuned.message
     design = tuned.tuned.tuning
     assert worst_sensitivity(HELD[name][0], design.controller, design.filter, H) < 2.2
+
+
+@pytest.mark.slow
+def test_a_loop_that_looks_like_a_stable_process_beside_a_load_gets_no_gains_that_let_it_go() -> None:
+    """Found by the campaign: gains near 0 were accepted."""
+    signals, _, _ = made("integrator", "setpoint", 3)
+    alike = identify(signals, noise=0.0042)
+    assert alike.success
+    assert not alike.best.structure.runs_away
+    tuned = tune_recorded(signals, "frequency")
+    assert tuned.identified.best.template == "unstable:2i"
+    assert not tuned.success
+    assert "runs away" in tuned.message
 
 
 @pytest.mark.slow
