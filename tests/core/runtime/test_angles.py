@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
+from fopid_core.runtime.angles import nearest_turn
 from fopid_core.runtime.c_export import c_header
-from fopid_core.runtime.controller import ControllerSettings, FopidController, nearest_turn
+from fopid_core.runtime.controller import ControllerSettings, FopidController
 
 GAINS = Fopid(3.0, 1.5, 0.2, 0.9, 0.8)
 WRAPPING = FopidController(ControllerSettings(GAINS, angle_wraparound=True))

@@ -15,7 +15,7 @@ from fopid_core.cli.output import emit
 
 if TYPE_CHECKING:
     from fopid_core.design.identification.frequency_response import FrequencyResponse
-    from fopid_core.design.identification.identify import IdentifiedModel
+    from fopid_core.design.identification.identified_model import IdentifiedModel
 
 
 @click.command("identify", context_settings=ARGUMENTS)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from fopid_core.design.front.front import Front
     from fopid_core.design.identification.frequency_response import FrequencyResponse
-    from fopid_core.design.identification.identify import IdentifiedModel
+    from fopid_core.design.identification.identified_model import IdentifiedModel
     from fopid_core.design.identification.record import Record
     from fopid_core.model.loop import Loop
     from fopid_core.model.response import Response

@@ -52,7 +52,9 @@ UNSEEN_END = (
     "the record does not show the slow end of the process, which dry friction may hide in small moves: watch the first "
     "large step of the setpoint"
 )
+"""What is said where such ranges were searched."""
 RUNS_AWAY = "learnt as a process that runs away without a controller"
+"""What is said of such a process."""
 SLOWER = (0.5, 0.25)
 """Shares of a crossover that are tried where noise moves the control too much."""
 _POINTS, _DECADES = 600, (-7.0, 7.0)
@@ -161,10 +163,9 @@ def improve(
         told = f"{first.refusal}; none of {len(trial.made)} designs is better than what runs"
         return Improvement(False, told, first.tuned, candidates)
     _, tuned, wanted = best
-    unseen = f"; {UNSEEN_END}" if _box(identified, judge) else ""
-    unseen = f"; {RUNS_AWAY}" if identified.best.structure.runs_away else unseen
-    told = f"{tuned.message}; {judge.told(tuned, wanted.rule or wanted.method)}{unseen}"
-    return Improvement(True, told, tuned, candidates)
+    parts = [tuned.message, judge.told(tuned, wanted.rule or wanted.method)]
+    parts += [UNSEEN_END] * bool(_box(identified, judge)) + [RUNS_AWAY] * identified.best.structure.runs_away
+    return Improvement(True, "; ".join(parts), tuned, candidates)
 
 
 @dataclass(frozen=True)

@@ -212,14 +212,13 @@ def tune_recorded(
     >>> found.success, found.taken["sample_time"], round(found.bounds.noise, 3)
     (True, 0.5, 0.01)
     """
-    given, limits = (
-        {name: value for name, value in (options or {}).items() if value is not None},
-        limits or RobustLimits(),
-    )
+    given = {name: value for name, value in (options or {}).items() if value is not None}
+    limits = limits or RobustLimits()
     noise, judges = sensor_noise(record), identified is None
-    identified = identified or identify(record, template, clock, noise.level if noise.at_rest else 0.0)
+    level = noise.level if noise.at_rest else 0.0
+    identified = identified or identify(record, template, clock, level)
     if judges and template == "all" and identified.success and identified.best is not None:
-        identified = runs_away_instead(record, identified.best, noise.level if noise.at_rest else 0.0) or identified
+        identified = runs_away_instead(record, identified.best, level) or identified
     best = identified.best
     if not identified.success or best is None:
         return RecordedTuning(False, identified.message, identified, noise)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from fopid_core.design.identification.frequency_response import FrequencyResponse, frequency_response
-from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, identify
+from fopid_core.design.identification.identified_model import IdentifiedModel
+from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
 from fopid_core.design.identification.structure import UNSTABLE_STRUCTURES
 from fopid_core.design.sampled_loop import running
@@ -28,10 +29,10 @@ THROUGHOUT = 0.9
 """A model that leaves such a share is wrong throughout: of another kind."""
 
 
-def contradicts(response: FrequencyResponse, process: Process) -> str:
-    """How a model contradicts the response without one; empty where it does not."""
+def contradicts(response: FrequencyResponse, process: Process, share: float = SHARE) -> str:
+    """How a model contradicts the response without one, at more than a share of the frequencies; empty otherwise."""
     outside, known = int(response.outside(process, BEYOND).sum()), int(response.known.sum())
-    if outside <= max(FEWEST, SHARE * known):
+    if outside <= max(FEWEST, share * known):
         return ""
     return f"the model leaves what the record shows without one at {outside} of {known} frequencies"
 
@@ -54,9 +55,7 @@ def runs_away_instead(record: Record, learnt: IdentifiedModel, noise: float) -> 
     noise : float
         Of the measurement, a standard deviation; 0 where it is not known.
     """
-    seen = _seen(record, learnt)
-    outside = int(seen.outside(learnt.process, BEYOND).sum())
-    if learnt.structure.runs_away or outside <= max(FEWEST, THROUGHOUT * int(seen.known.sum())):
+    if learnt.structure.runs_away or not contradicts(_seen(record, learnt), learnt.process, THROUGHOUT):
         return None
     found = identify(record, ",".join(UNSTABLE_STRUCTURES), noise=noise)
     return found if found.success and found.best and not doubt_of(record, found.best) else None

@@ -8,7 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from fopid_core.design.defaults import MS_MAX, PHASE_MARGIN, U_MAX, natural_crossover
-from fopid_core.design.identification.identify import LEAST_FIT, MOST_DEVIATION, IdentificationResult, IdentifiedModel
+from fopid_core.design.identification.identified_model import MOST_DEVIATION, IdentifiedModel
+from fopid_core.design.identification.identify import IdentificationResult
+from fopid_core.design.identification.refusal import LEAST_FIT
 from fopid_core.design.specification import Clock, TuningRequest, TuningResult, require
 from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError

@@ -10,6 +10,7 @@ import math
 from typing import get_args
 
 from fopid_core.errors import InputError
+from fopid_core.runtime.angles import nearest_turn
 from fopid_core.runtime.antiwindup import conditioning, direct_feedthrough, setpoint_feedthrough, tracking_gain
 from fopid_core.runtime.controller_state import ControllerState, Mode
 from fopid_core.runtime.filter_bank import Band, integral_weights
@@ -21,8 +22,6 @@ from fopid_core.runtime.settings import LARGEST, LOWEST, AntiWindup, ControllerS
 from fopid_core.runtime.variable_step import VariableOperators, check_interval
 
 __all__ = ["AntiWindup", "ControllerSettings", "ControllerState", "FopidController", "Mode", "with_gains"]
-
-TURN = 2.0 * math.pi
 
 
 class FopidController:
@@ -481,17 +480,6 @@ class FopidController:
     def _limit(self, wanted: float, last: float) -> float:
         limited = _limited(wanted, self._low, self._high)
         return _limited(limited, last - self._control_move_max, last + self._control_move_max)
-
-
-def nearest_turn(angle: float, near: float) -> float:
-    """The angle, whole turns added, that is nearest to another one [rad].
-
-    Examples
-    --------
-    >>> round(nearest_turn(-3.0, 3.0), 4)
-    3.2832
-    """
-    return angle + TURN * round((near - angle) / TURN)
 
 
 def _limited(value: float, low: float, high: float) -> float:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
-from fopid_core.design.identification.identify import IdentifiedModel
+from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition
 from fopid_core.model.arrays import Floats

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import fftconvolve
 
-from fopid_core.design.identification.identify import IdentifiedModel
+from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.record import Record
 from fopid_core.model.arrays import Floats
 from fopid_core.model.process import Process

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from fopid_core.design.identification.coloured_noise import whitener as whitener_of
-from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, refit
+from fopid_core.design.identification.identified_model import IdentifiedModel
+from fopid_core.design.identification.identify import IdentificationResult, refit
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition
 from fopid_core.model.arrays import Floats

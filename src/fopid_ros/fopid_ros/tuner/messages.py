@@ -24,7 +24,7 @@ from fopid_ros.tuner.controller_client import GAINS, RunningDesign
 if TYPE_CHECKING:  # loaded by the first request that learns, since they need scipy
     from fopid_core.design.comparison.compare import Comparison
     from fopid_core.design.comparison.measures import Row
-    from fopid_core.design.identification.identify import IdentifiedModel
+    from fopid_core.design.identification.identified_model import IdentifiedModel
     from fopid_core.design.improvement import Candidate
     from fopid_core.design.tuner import TuningResult
     from fopid_ros.tuner.learning.autotune import AutotuneRequest

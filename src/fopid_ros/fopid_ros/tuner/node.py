@@ -52,7 +52,7 @@ from fopid_ros.tuner.messages import (
 from fopid_ros.tuner.parameters import SPECS
 
 if TYPE_CHECKING:  # what learns needs scipy: it is loaded by the first request, see ``_adaptation`` and below
-    from fopid_core.design.identification.identify import IdentifiedModel
+    from fopid_core.design.identification.identified_model import IdentifiedModel
     from fopid_core.design.specification import TuningResult
     from fopid_ros.tuner.learning.adaptation import Adaptation
     from fopid_ros.tuner.learning.gain_update import Outcome

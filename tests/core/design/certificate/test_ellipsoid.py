@@ -13,7 +13,8 @@ from fopid_core.design.certificate.ellipsoid import REGIONS, ellipsoid_family, l
 from fopid_core.design.certificate.enclosure import Bounds
 from fopid_core.design.certificate.prover import certify
 from fopid_core.design.certificate.subdivision import Effort
-from fopid_core.design.identification.identify import IdentifiedModel, identify
+from fopid_core.design.identification.identified_model import IdentifiedModel
+from fopid_core.design.identification.identify import identify
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.templates import TEMPLATES

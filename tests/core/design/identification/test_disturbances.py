@@ -9,7 +9,8 @@ import pytest
 from scipy.signal import lfilter
 
 from fopid_core.design.defaults import natural_crossover
-from fopid_core.design.identification.identify import IdentifiedModel, identify
+from fopid_core.design.identification.identified_model import IdentifiedModel
+from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process

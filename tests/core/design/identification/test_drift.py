@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fopid_core.design.identification.drift import drift
-from fopid_core.design.identification.identify import IdentifiedModel, identify
+from fopid_core.design.identification.identified_model import IdentifiedModel
+from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.robust_verification import tune_robustly
 from fopid_core.design.specification import TuningRequest

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.signal import lsim
 
 from fopid_core.design.defaults import natural_crossover
-from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, identify
+from fopid_core.design.identification.identified_model import IdentifiedModel
+from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.structure import structure_of
 from fopid_core.design.tuner import TuningRequest, tune

@@ -76,7 +76,7 @@ def test_where_the_noise_of_its_own_control_loads_the_process_that_noise_is_made
 
 
 def test_who_does_not_look_for_such_a_process_finds_none() -> None:
-    """A running loop's autotuning does not, unless the process is asked for by name."""
+    """What adapts a running loop does not, unless the process is asked for by name."""
     held = record("1/(s-1)")
     found = identify(held, noise=0.01, unstable=False)
     assert not found.success

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from fopid_core.design.certificate.family import BALL, BOX, Family, FamilyTerm, Linear, decimal
-from fopid_core.design.identification.identify import IdentifiedModel
+from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.specification import require
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats

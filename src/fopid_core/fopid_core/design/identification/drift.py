@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, identify
+from fopid_core.design.identification.identified_model import IdentifiedModel
+from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.quality import fit_pct
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from fopid_core.design.identification.identify import IdentifiedModel, identify
+from fopid_core.design.identification.identified_model import IdentifiedModel
+from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.response_verification import doubt_of
 from fopid_core.errors import InputError

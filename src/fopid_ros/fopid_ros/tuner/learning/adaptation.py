@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from fopid_core.design.identification.drift import drift
-from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel, identify
+from fopid_core.design.identification.identified_model import IdentifiedModel
+from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.record import Record
 from fopid_core.errors import InputError

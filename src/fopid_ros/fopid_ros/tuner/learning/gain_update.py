@@ -8,7 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from fopid_core.design.acceptance import rejection_reason
-from fopid_core.design.identification.identify import IdentificationResult, IdentifiedModel
+from fopid_core.design.identification.identified_model import IdentifiedModel
+from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.identification.noise import SensorNoise
 from fopid_core.design.identification.record import Record
 from fopid_core.design.improvement import Candidate, improve

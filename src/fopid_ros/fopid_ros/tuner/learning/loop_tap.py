@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from fopid_core.errors import InputError
-from fopid_core.runtime.controller import nearest_turn
+from fopid_core.runtime.angles import nearest_turn
 from fopid_msgs.msg import FopidState
 from fopid_ros.common.cdr import Layout
 from fopid_ros.common.diagnostics import PublisherConflicts, Rivalry
