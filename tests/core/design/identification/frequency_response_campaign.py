@@ -150,11 +150,11 @@ def closed_loop(
     return Record(h * np.arange(setpoint.size), control, measured, setpoint)
 
 
-def record(kind: str, colour: str, seed: int) -> tuple[Record, Sample]:
-    """One record, with its process."""
+def record(kind: str, colour: str, seed: int, denser: int = 1) -> tuple[Record, Sample]:
+    """One record, with its process; of so many times more samples in the same time."""
     rng = np.random.default_rng(seed)
     process = sample(rng)
-    samples = int(rng.integers(300, 2500))
+    samples = denser * int(rng.integers(300, 2500))
     h = process.lag * float(rng.uniform(*LONG)) / samples
     gain = process.numerator[-1] / (process.denominator[-1] or process.denominator[-2])
     level = abs(gain) * 10.0 ** rng.uniform(-2.5, -1.0)
@@ -187,13 +187,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--records", type=int, default=40, help="of each kind with each noise")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--denser", type=int, default=1, help="so many times more samples in the same time")
     asked = parser.parse_args()
     print("| record | noise | records | known [%] | covered [%] |\n| --- | --- | --- | --- | --- |")
     for kind in KINDS:
         for colour in NOISES:
             counts = np.zeros(3)
             for seed in range(asked.seed, asked.seed + asked.records):
-                signals, process = record(kind, colour, seed)
+                signals, process = record(kind, colour, seed, asked.denser)
                 counts += judged(frequency_response(signals), process)
             known, covered = 100.0 * counts[1] / counts[0], 100.0 * counts[2] / max(counts[1], 1)
             print(f"| {kind} | {colour} | {asked.records} | {known:.0f} | {covered:.1f} |", flush=True)

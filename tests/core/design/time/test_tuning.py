@@ -271,3 +271,13 @@ def test_an_integrator_in_all_but_name_is_tuned_as_one() -> None:
     assert exact is not None
     assert found is not None
     assert (found.kp, found.ki) == pytest.approx((exact.kp, exact.ki), rel=0.02)
+
+
+def test_a_controller_that_hardly_acts_at_rest_is_no_success() -> None:
+    """A setpoint asks no more where an integrator runs away, and any load would take the process anywhere."""
+    process = read_process("4/(s(s-0.4))")
+    nothing_at_rest = {"kp": (0.0, 1e-5), "ki": (0.0, 1e-9)}
+    found = tune(TuningRequest(process, "time", ms_max=1.3, bounds=nothing_at_rest, fixed={"mu": 1.0}))
+    assert not found.success
+    assert "holds a load" in " ".join(found.unmet)
+    assert tune(TuningRequest(process, "time", ms_max=1.3, input="both", u_max=20.0)).success

@@ -9,6 +9,11 @@ The memory takes up the colour of the noise, which is why feedback is no error (
 is known, nothing of the beginning leaks into the response. Akaike's criterion balances what a memory leaves out and
 its noise; a region of confidence counts the noise only, so that twice the memory is taken.
 
+Of a long record the distant past counts in sums over some lags. It is never thinned out: a mean over several controls
+has answered measurements that the thinned record does not show, which is an error in a loop. Of very many equations
+some are added up with random signs, so that the noise of one stays independent of the past of another (a sketch:
+Clarkson and Woodruff, Journal of the ACM 63 (2017) 54).
+
 References
 ----------
 Ljung, System Identification, 2nd ed. (1999), ch. 9.4 and 13.4; Ljung and Wahlberg, Advances in Applied Probability 24
@@ -31,15 +36,20 @@ from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
 from fopid_core.design.identification.response import InitialCondition
 from fopid_core.design.sampled_loop import sampled_process
 from fopid_core.errors import InputError
-from fopid_core.model.arrays import Booleans, Complexes, Floats
+from fopid_core.model.arrays import Booleans, Complexes, Floats, Indexes
 from fopid_core.model.process import Process
 
 CONFIDENCE = 0.95
 POINTS = 24
 TELLS = 0.5
 """A response whose region is wider than this share of its size is not known."""
-_LENGTH = 8192
-"""Longer records are looked at in so many pieces: the control's mean over each, and the measurement where it begins."""
+_FINE, _REACH = 16, 10
+"""A sum of lags lies at least so many times further back than its number of them, and none further than one part in so
+many of the record: a memory that is short beside what the process takes shows the controller instead, -1/C."""
+_ROWS, _BLOCK = 16_384, 8192
+"""More equations than this are added up by some; so many are looked at at once."""
+_DENSEST = 8192
+"""Frequencies end where they would with so many samples: a longer record has finer ones."""
 _ENOUGH = 4
 """Of many pieces the longest, until they hold so many times that."""
 _LONGER, _LEAST_MEMORY = 2, 16
@@ -142,23 +152,21 @@ def frequency_response(records: Record | Sequence[Record], points: int = POINTS)
         raise InputError(f"records with sample times {min(usual):.4g} to {max(usual):.4g} s; allowed: the same of all")
     pieces = _most([piece for record in several for piece in _pieces(record)])
     longest = pieces[0].time.size
-    each = -(-longest // _LENGTH)
-    h = each * pieces[0].sample_time
-    low, high = 2.0 * np.pi * _PERIODS / (longest * h / each), _HIGHEST * np.pi / h
-    frequency = np.geomspace(low, high, points)
+    h = pieces[0].sample_time
+    lags = _lags(longest)
+    highest = _HIGHEST * np.pi / (h * max(longest / _DENSEST, 1.0))
+    frequency = np.geomspace(2.0 * np.pi * _PERIODS / (longest * h), highest, points)
     reason = _unfit(several, pieces)
-    signals = [_signals(piece, each) for piece in pieces if piece.time.size >= each]
-    memory = 0 if reason else _memory(signals)
+    signals = [(piece.measurement - piece.measurement.mean(), piece.control - piece.control.mean()) for piece in pieces]
+    memory = 0 if reason else _memory(signals, lags)
     if not memory:
         reason = reason or "the control moves too little, or its moves follow from each other"
         return _nothing(frequency, h, reason)
-    response, radius = _estimate(signals, memory, frequency * h)
-    if each > 1:  # what the mean of the control over a piece leaves out, to second order
-        radius = radius + np.abs(response) * (frequency * h) ** 2 / 24.0
+    response, radius = _estimate(signals, lags[: memory + 1], frequency * h)
     known = radius < TELLS * np.abs(response)
     return FrequencyResponse(
-        frequency, np.where(known, response, complex(np.nan, np.nan)), np.where(known, radius, np.inf), h, memory,
-        "" if known.any() else "the noise hides it at all frequencies",
+        frequency, np.where(known, response, complex(np.nan, np.nan)), np.where(known, radius, np.inf),
+        h, int(lags[memory]) - 1, "" if known.any() else "the noise hides it at all frequencies",
     )  # fmt: skip
 
 
@@ -193,61 +201,82 @@ def _most(pieces: Sequence[Record]) -> list[Record]:
     """The longest of many pieces, with as many samples as tell enough, the longest first."""
     ordered = sorted(pieces, key=lambda piece: -piece.time.size)
     before = np.cumsum([0, *(piece.time.size for piece in ordered[:-1])])
-    allowed = _ENOUGH * max(_LENGTH, ordered[0].time.size)
+    allowed = _ENOUGH * max(_DENSEST, ordered[0].time.size)
     return [piece for piece, samples in zip(ordered, before, strict=True) if samples < allowed]
 
 
-def _signals(piece: Record, each: int) -> tuple[Floats, Floats]:
-    """Measurement, and the control held from it on; both about their means."""
-    count = piece.time.size // each
-    measured = piece.measurement[: count * each : each]
-    control = piece.control[: count * each].reshape(count, each).mean(axis=1)
-    return measured - measured.mean(), control - control.mean()
+def _lags(longest: int) -> Indexes:
+    """Where the steps of the longest memory begin, and where the last one ends, in samples back."""
+    if longest <= _LEAST_MEMORY * _LONGEST:
+        return np.arange(1, _LONGEST + 2)
+    lags = [1]
+    while lags[-1] < longest // _REACH:
+        lags.append(lags[-1] + max(lags[-1] // _FINE, 1))
+    return np.array(lags)
 
 
-def _regression(signals: Sequence[tuple[Floats, Floats]], memory: int) -> tuple[Floats, Floats, int]:
+def _regression(signals: Sequence[tuple[Floats, Floats]], lags: Indexes) -> tuple[Floats, Floats, int]:
     """Y and u from the last sample back and what they are to predict, in columns; their lengths; columns left out.
 
     The offset and the ramp of each piece are taken out of the others, which are at unit length before that: as if they
     were columns as well (Frisch and Waugh, Econometrica 1, 1933).
     """
-    kept = [(y, u) for y, u in signals if y.size > memory]
-    rows, squares = [], np.zeros(2 * memory + 1)
+    reach = int(lags[-1]) - 1
+    kept = [(y, u) for y, u in signals if y.size > reach]
+    fold = -(-sum(y.size - reach for y, _ in kept) // _ROWS)
+    rows, squares = [], np.zeros(2 * lags.size - 1)
     for y, u in kept:
-        past = np.stack([_windows(y, memory)[:, -2::-1], _windows(u, memory)[:, -2::-1]], axis=2)
-        piece = np.column_stack([past.reshape(y.size - memory, 2 * memory), y[memory:]])
-        squares += np.einsum("ij,ij->j", piece, piece)
-        own = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, len(piece)), _COLUMNS))[0]
-        rows.append(piece - own @ (own.T @ piece))
+        sums = [np.concatenate([[0.0], np.cumsum(signal)]) for signal in (y, u)]
+        piece = np.concatenate([_equations(y, sums, lags, at, fold) for at in _blocks(reach, y.size, fold)])
+        squares += np.einsum("ij,ij->j", piece[:, _COLUMNS:], piece[:, _COLUMNS:])
+        own = np.linalg.qr(piece[:, :_COLUMNS])[0]
+        rows.append(piece[:, _COLUMNS:] - own @ (own.T @ piece[:, _COLUMNS:]))
     sizes = np.maximum(np.sqrt(squares), 1e-300)
     return np.concatenate(rows) / sizes, sizes, _COLUMNS * len(kept)
 
 
-def _windows(signal: Floats, memory: int) -> Floats:
-    return np.lib.stride_tricks.sliding_window_view(signal, memory + 1)
+def _blocks(first: int, end: int, fold: int) -> list[Indexes]:
+    """The samples to be predicted, some thousands at once."""
+    size = -(-_BLOCK // fold) * fold
+    return [np.arange(begin, min(begin + size, end)) for begin in range(first, end, size)]
 
 
-def _triangle(signals: Sequence[tuple[Floats, Floats]], memory: int) -> tuple[Floats, Floats, int, int]:
+def _equations(y: Floats, sums: Sequence[Floats], lags: Indexes, at: Indexes, fold: int) -> Floats:
+    """Offset, ramp, the past in the order of its lag and what it is to predict; added up by ``fold`` in each row.
+
+    The sums of y and u before each sample tell the past.
+    """
+    begins = at[:, np.newaxis] + 1 - lags
+    past = [-np.diff(one[begins], axis=1) for one in sums]
+    own = np.vander(2.0 * at / y.size - 1.0, _COLUMNS)
+    equations = np.concatenate([own, np.stack(past, axis=2).reshape(at.size, -1), y[at, np.newaxis]], axis=1)
+    if fold == 1:
+        return equations
+    signs = np.random.default_rng(int(at[0])).choice([-1.0, 1.0], at.size)
+    return np.add.reduceat(equations * signs[:, np.newaxis], np.arange(0, at.size, fold), axis=0)
+
+
+def _triangle(signals: Sequence[tuple[Floats, Floats]], lags: Indexes) -> tuple[Floats, Floats, int, int]:
     """R of the regression's columns, their lengths, how many rows there are, and how many columns are not here."""
-    matrix, sizes, own = _regression(signals, memory)
+    matrix, sizes, own = _regression(signals, lags)
     triangle: Floats = np.linalg.qr(matrix, mode="r")  # type: ignore[assignment]
     return triangle, sizes, matrix.shape[0], own
 
 
-def _memory(signals: Sequence[tuple[Floats, Floats]]) -> int:
-    """How far back the predictor looks; 0 where the signals bear none.
+def _memory(signals: Sequence[tuple[Floats, Floats]], lags: Indexes) -> int:
+    """How many steps the predictor looks back; 0 where the signals bear none.
 
     The columns stand in the order of their lag, so that one factorisation tells what every shorter memory leaves.
     """
     lengths = np.array([y.size for y, _ in signals])
     longest = int(lengths.max())
-    tried = np.arange(1, min(longest // 2, _LONGEST) + 1)
-    rows = np.maximum(lengths[:, np.newaxis] - tried, 0).sum(axis=0)
+    tried = np.arange(1, min(longest // 2, lags.size - 1) + 1)
+    rows = np.minimum(np.maximum(lengths[:, np.newaxis] - lags[tried] + 1, 0).sum(axis=0), _ROWS)
     bearable = tried[rows >= _EACH * tried + _COLUMNS * len(signals)]
     if not bearable.size:
         return 0
     most = int(bearable[-1])
-    triangle, _, count, own = _triangle(signals, max(most // _LONGER, 1))
+    triangle, _, count, own = _triangle(signals, lags[: max(most // _LONGER, 1) + 1])
     left = np.cumsum(triangle[::-1, -1] ** 2)[::-1]
     numbers = np.arange(2, triangle.shape[1], 2)
     independent = np.minimum.accumulate(np.abs(np.diag(triangle)[:-1]))[numbers - 1] > _DEPENDENT
@@ -263,22 +292,23 @@ def _memory(signals: Sequence[tuple[Floats, Floats]]) -> int:
     return numbers.size if left[numbers[-1]] <= _EXACT else 0  # without noise a short memory leaves nothing out
 
 
-def _estimate(signals: Sequence[tuple[Floats, Floats]], memory: int, theta: Floats) -> tuple[Complexes, Floats]:
+def _estimate(signals: Sequence[tuple[Floats, Floats]], lags: Indexes, theta: Floats) -> tuple[Complexes, Floats]:
     """The response at z = exp(j theta), and the radius of the disc about it."""
-    triangle, sizes, count, own = _triangle(signals, memory)
+    triangle, sizes, count, own = _triangle(signals, lags)
     size = sizes.size - 1
     if np.abs(np.diag(triangle)[:size]).min() <= _DEPENDENT:
         return np.full(theta.size, np.nan + 0j), np.full(theta.size, np.inf)
     root = solve_triangular(triangle[:size, :size], np.eye(size)) / sizes[:size, np.newaxis]
     numbers = root @ triangle[:size, -1] * sizes[-1]
     level = abs(float(triangle[-1, -1])) * float(sizes[-1]) / np.sqrt(count - own - size)
-    a, b = numbers[-2 * memory :: 2], numbers[-2 * memory + 1 :: 2]
-    delays = np.exp(-1j * np.outer(theta, np.arange(1, memory + 1)))
+    a, b = numbers[::2], numbers[1::2]
+    delays = np.add.reduceat(np.exp(-1j * np.outer(theta, np.arange(1, lags[-1]))), lags[:-1] - 1, axis=1)
     denominator = 1.0 - delays @ a
     response = delays @ b / denominator
     slopes = np.stack([response[:, np.newaxis] * delays, delays], axis=2).reshape(theta.size, -1)
-    moved = level * (slopes / denominator[:, np.newaxis]) @ root[-2 * memory :]
-    return response, _radius(moved, count / memory)
+    moved = level * (slopes / denominator[:, np.newaxis]) @ root
+    memory = int(lags[-1]) - 1
+    return response, _radius(moved, sum(max(y.size - memory, 0) for y, _ in signals) / memory)
 
 
 def _radius(moved: Complexes, freedom: float) -> Floats:

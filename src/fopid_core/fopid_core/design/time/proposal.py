@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from fopid_core.design import defaults
 from fopid_core.design.load_tail import LEFT_MAX, TURNS, fading_time, left_in_words, slowest_crossover
 from fopid_core.design.specification import (
@@ -22,6 +24,7 @@ from fopid_core.design.time.objectives import Objective
 from fopid_core.design.time.preference import preferred
 from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.tuning import TimeDesign, tune_time
+from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
 
 MOST_TURNS = 10_000.0
@@ -35,6 +38,8 @@ SETTLED = 0.02
 """Of the setpoint step: an error at the horizon that is worth a word."""
 IDLE = 0.99
 """A larger one: the bounds leave nothing but controllers that hardly act, and that is no success."""
+SLACK, _FAR = 0.01, 0.01
+"""Nor is one that acts so little at rest, beside what it does at the crossover: a load takes the process anywhere."""
 
 
 def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -> Proposal:
@@ -71,6 +76,8 @@ def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -
     unmet = _hopeless(request.process, specification)
     if abs(design.final_error) > IDLE:
         unmet = (*unmet, f"a controller that acts: of the step {left}")
+    if not {"kp", "ki"} <= {*specification.fixed} and _slack(request.process, design.controller, specification.horizon):
+        unmet = (*unmet, "a controller that holds a load: it hardly acts at rest; input both counts a load's step too")
     return Proposal(
         design.controller, unmet, message, design.cost, design.evaluations, bounds, design.at_edge, design.filter,
         design.weights, structure,
@@ -188,6 +195,13 @@ def _assumptions(request: TuningRequest, specification: TimeSpecification) -> st
     if request.horizon is None:
         parts.append("horizon chosen from the process")
     return ", ".join(parts)
+
+
+def _slack(process: Process, controller: Fopid, horizon: float) -> bool:
+    """Whether a controller hardly acts at rest: a setpoint asks no more where an integrator runs away."""
+    crossover = defaults.natural_crossover(process, defaults.PHASE_MARGIN)
+    at_rest, there = np.abs(controller(1j * np.array([_FAR / horizon, crossover])))
+    return bool(at_rest < SLACK * there)
 
 
 def _hopeless(process: Process, specification: TimeSpecification) -> tuple[str, ...]:
