@@ -38,9 +38,12 @@ def _types(type_name: str, field: str) -> dict[str, object]:
 
 
 class ForeignLoop:
-    """The foreign plant under a hand-made PI, and a tuner that knows nothing; setpoint 1."""
+    """The foreign plant under a hand-made PI, and a tuner that knows nothing."""
 
-    def __init__(self, graph: Graph, kind: str, gains: Mapping[str, float], *, steps: bool = True, **tuner: object):
+    def __init__(
+        self, graph: Graph, kind: str, gains: Mapping[str, float], *, steps: bool = True,
+        setpoint: float | None = 1.0, **tuner: object,
+    ) -> None:  # fmt: skip
         self.graph = graph
         self.plant = graph.run_script(Path(__file__).with_name("foreign_plant.py"), kind, *["steps"] * steps)
         message = Temperature if steps else Float64
@@ -57,7 +60,8 @@ class ForeignLoop:
         graph.until(self._client.server_is_ready, "the action")
         graph.until(self._setpoint.get_subscription_count, "the controller")
         graph.spin(SETTLE)
-        self._setpoint.publish(ScalarStamped(value=1.0))
+        if setpoint is not None:
+            self.move_setpoint(setpoint)
         graph.until(lambda: self._sensed, "the plant")
 
     @property

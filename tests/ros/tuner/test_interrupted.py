@@ -44,10 +44,10 @@ def stamp_s(told: FopidState) -> float:
     return told.header.stamp.sec + told.header.stamp.nanosec * 1e-9
 
 
-def change(graph: Graph, label: str) -> bool:
+def change(graph: Graph, label: str, node: str = TUNER) -> bool:
     request = ChangeState.Request()
     request.transition.label = label
-    return bool(graph.call(ChangeState, f"{TUNER}/change_state", request).success)
+    return bool(graph.call(ChangeState, f"{node}/change_state", request).success)
 
 
 def state(graph: Graph) -> int:
@@ -120,6 +120,48 @@ def test_leaving_while_new_gains_are_watched_puts_the_old_ones_back(loop: Foreig
     assert change(loop.graph, "deactivate")
     assert "cancelled" in loop.outcome(handle).result.message
     assert loop.gains() == before
+
+
+def dead_sensor(loop: ForeignLoop) -> None:
+    loop.plant.kill()
+
+
+def manual_mode(loop: ForeignLoop) -> None:
+    loop.graph.set("fopid_controller", mode="manual")
+
+
+def inactive_controller(loop: ForeignLoop) -> None:
+    change(loop.graph, "deactivate", "fopid_controller")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("opened", "named"),
+    [
+        (dead_sensor, "the controller waits for a fresh measurement: the newest is "),
+        (manual_mode, "the controller is in manual mode"),
+        (inactive_controller, "no control heard for 3 s"),
+    ],
+)
+def test_an_experiment_ends_where_the_loop_is_open(loop: ForeignLoop, opened: Any, named: str) -> None:
+    """Each of them was excited to the end, and then again with larger moves."""
+    before = loop.gains()
+    handle, _ = excited(loop)
+    opened(loop)
+    began = time.monotonic()
+    result = loop.outcome(handle).result
+    assert named in result.message
+    assert not result.success
+    assert time.monotonic() - began < 5.0
+    assert loop.added[-1].value == 0.0
+    assert loop.gains() == before
+
+
+@pytest.mark.slow
+def test_a_controller_that_waits_for_a_setpoint_is_not_waited_for(graph: Graph) -> None:
+    """It was waited for without end."""
+    loop = ForeignLoop(graph, "saturating", PI, steps=False, setpoint=None)
+    assert "no setpoint heard for 3 s" in loop.outcome(loop.autotune()).result.message
 
 
 @pytest.mark.slow

@@ -183,6 +183,7 @@ class GainUpdate:
         criteria: AcceptanceCriteria,
     ) -> None:
         self._tap, self._client, self._wait = tap, client, wait
+        wait.sample_time = controller.sample_time
         self._controller, self._criteria = controller, criteria
         self._previous: RunningDesign | None = None
         self._trial: RunningDesign | None = None

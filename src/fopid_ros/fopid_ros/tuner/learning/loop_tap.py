@@ -101,6 +101,7 @@ class LoopTap:
         self._hook: Callable[[Tick], None] | None = None
         self._failed: Exception | None = None
         self._ticked = threading.Condition()
+        self._open_since, self._open_because = math.inf, ""
         self._write = types[INJECTION].writer()
         self._injection: Publisher | None = None
         self._added = 0.0
@@ -173,13 +174,16 @@ class LoopTap:
         self.history.add(name, at, value)
         if name != "control":
             return
+        tick = Tick(at, *(self.history.newest(signal) for signal in SIGNALS), age)
+        if math.isnan(tick.setpoint + tick.measurement):
+            return
         if self._hook is not None and self._prompt:
-            self._call_hook(Tick(at, *(self.history.newest(signal) for signal in SIGNALS), age))
+            self._call_hook(tick)
         with self._ticked:
             self._ticked.notify_all()
 
     def _call_hook(self, tick: Tick) -> None:
-        if math.isnan(tick.setpoint + tick.measurement) or self._hook is None:
+        if self._hook is None:
             return
         try:
             self._hook(tick)
@@ -189,8 +193,38 @@ class LoopTap:
     def _on_state(self, message: bytes, info: dict[str, int]) -> None:
         self._take_setpoint(STATE.unpack(message), info)
 
+    def _note_open_loop(self, state: Any) -> None:
+        """Since when the controller does not close the loop, and why."""
+        if not state.stale and state.mode != FopidState.MANUAL:
+            self._open_since = math.inf
+            return
+        self._open_since = min(self._open_since, time.monotonic())
+        age = state.measurement_age
+        if state.mode == FopidState.MANUAL:
+            self._open_because = "is in manual mode"
+        elif age < time.monotonic() - self._open_since:
+            self._open_because = "waits for a fresh setpoint"
+        else:
+            self._open_because = f"waits for a fresh measurement: the newest is {age:.3g} s old"
+
+    def open_loop(self, since: float) -> tuple[float, str]:
+        """For how long the controller has not closed the loop [s], not longer than from ``since`` on, and why.
+
+        Parameters
+        ----------
+        since : float
+            By the monotonic clock [s].
+        """
+        return time.monotonic() - max(since, self._open_since), self._open_because
+
+    @property
+    def unheard(self) -> str:
+        """The signals of which nothing has come yet, or, as far as these go, the control, which makes the ticks."""
+        return " and ".join(name for name in SIGNALS if math.isnan(self.history.newest(name))) or "control"
+
     def _take_setpoint(self, state: Any, info: dict[str, int]) -> None:
         """The setpoint, where the controller has one, and when it has changed."""
+        self._note_open_loop(state)
         if math.isnan(state.setpoint) or state.setpoint == self.history.newest("setpoint"):
             return
         stamp_ns = state.stamp_ns if self._by_stamps else self._arrival_ns(info)
@@ -210,7 +244,10 @@ class LoopTap:
         self._hook = hook
 
     def wait_for_tick(self, timeout: float) -> bool:
-        """Wait for the next tick; whether it came within ``timeout`` [s of the wall clock]. Raises what a hook did."""
+        """Wait for the next tick with all signals; whether it came within ``timeout`` [s of the wall clock].
+
+        Raises what a hook did.
+        """
         failed, self._failed = self._failed, None
         if failed is not None:
             raise failed

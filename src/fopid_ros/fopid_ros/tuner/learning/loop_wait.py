@@ -1,4 +1,4 @@
-"""Waiting on a running loop: told how far it is, ended by a request to cancel or by a loop that stands still."""
+"""Waiting on a running loop: told how far it is, ended by a request to cancel or by a loop that does not run."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from fopid_core.errors import InputError
 from fopid_ros.tuner.learning.loop_tap import LoopTap
 
-STALL_TIME = 10.0
-"""A loop without a tick for so long [s of the wall clock] stands still."""
+STALL_TIME, STALL_TICKS = 3.0, 5.0
+"""A loop without a tick for so long [s of the wall clock], and for so many ticks, stands still."""
+OPEN_TIME = 1.0
+"""So long a controller may go without a fresh measurement or setpoint, or in manual mode [s of the wall clock]."""
 REPORT_PERIOD = 0.2
 """How often the one who asked is told [s]."""
 
@@ -41,10 +43,16 @@ class LoopWait:
         Called with a ``Stage`` all along.
     cancelled : callable
         Whether an end has been asked for.
+
+    Attributes
+    ----------
+    sample_time : float
+        Of the controller, as far as it is known [s].
     """
 
     def __init__(self, tap: LoopTap, report: Callable[[Stage], None], cancelled: Callable[[], bool]) -> None:
         self._tap, self.report, self._cancelled = tap, report, cancelled
+        self.sample_time = 0.0
 
     def until(self, done: Callable[[], bool], stage: Callable[[], Stage]) -> None:
         """Wait until it is done.
@@ -54,16 +62,20 @@ class LoopWait:
         CancelledError
             If an end has been asked for.
         InputError
-            If the loop stands still.
+            If the loop stands still, or its controller does not close it.
         """
-        last_tick = last_report = time.monotonic()
+        begun = last_tick = last_report = time.monotonic()
+        stalled = max(STALL_TIME, STALL_TICKS * self.sample_time)
         while not done():
             if self._cancelled():
                 raise CancelledError
             if self._tap.wait_for_tick(0.1):
                 last_tick = time.monotonic()
-            elif time.monotonic() - last_tick > STALL_TIME:
-                raise InputError(f"no control heard for {STALL_TIME:g} s; allowed: a running loop")
+            elif time.monotonic() - last_tick > stalled:
+                raise InputError(f"no {self._tap.unheard} heard for {stalled:g} s; allowed: a loop that runs")
+            been_open, because = self._tap.open_loop(begun)
+            if been_open > OPEN_TIME:
+                raise InputError(f"the controller {because}; allowed: a loop that runs")
             if time.monotonic() - last_report > REPORT_PERIOD:
                 last_report = time.monotonic()
                 self.report(stage())
