@@ -72,7 +72,10 @@ class LoopWait:
             if self._tap.wait_for_tick(0.1):
                 last_tick = time.monotonic()
             elif time.monotonic() - last_tick > stalled:
-                raise InputError(f"no {self._tap.unheard} heard for {stalled:g} s; allowed: a loop that runs")
+                unheard = f"no {self._tap.unheard} heard for {stalled:g} s"
+                raise InputError(
+                    f"{unheard}; allowed: a loop that runs (/diagnostics says what its controller waits for)"
+                )
             been_open, because = self._tap.open_loop(begun)
             if been_open > OPEN_TIME:
                 raise InputError(f"the controller {because}; allowed: a loop that runs")
