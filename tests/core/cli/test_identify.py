@@ -164,6 +164,10 @@ ROWS = [(0.5 * k, float(k > 5), 0.25 * k) for k in range(40)]
         (["time,op,pv", *(f"{1.7e12 + 1000 * t:.0f},{u},{y}" for t, u, y in ROWS)], None),
         (["time;op;pv", *(f"{t};{u};{y}".replace(".", ",") for t, u, y in ROWS)], None),
         (["time,op,pv", *(f"{t},{u},{y}\n{t + 0.1},,{y}" for t, u, y in ROWS)], None),  # gaps
+        (["time,op,pv", *(f"{t},{u},{y}\n{t + 0.1},{u},Bad\n{t + 0.2},#N/A,{y}" for t, u, y in ROWS)], None),
+        (["time;op;pv", *(f"31.01.2026 23:59:{t:04.1f};{u};{y}" for t, u, y in ROWS)], None),
+        (["time,op,pv", *(f"01/31/2026 11:59:{2 * t:02.0f} PM,{u},{2 * y}" for t, u, y in ROWS)], "pv,op"),
+        (["time,op,pv", *(f"23:59:{t:04.1f},{u},{y}" for t, u, y in ROWS)], None),
     ],
     ids=(
         "no header",
@@ -178,15 +182,32 @@ ROWS = [(0.5 * k, float(k > 5), 0.25 * k) for k in range(40)]
         "epoch ms",
         "comma",
         "gaps",
+        "bad values",
+        "day first",
+        "am or pm",
+        "time of day",
     ),
 )
 def test_control_systems_write_csv_in_many_ways(lines: list[str], columns: str | None, tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text("\n".join(lines))
     record = read_record(path, columns=columns)
-    found = np.column_stack([record.time, record.control, record.measurement])
+    twice = 2.0 if " PM" in lines[-1] else 1.0  # these have no fractions of seconds
+    found = np.column_stack([record.time / twice, record.control, record.measurement / twice])
     assert found == pytest.approx(np.array(ROWS), abs=1e-6)
-    assert record.left_out == (40 if ",," in lines[-1] else 0)
+    assert record.left_out == lines[-1].count("\n") * 40
+
+
+def test_two_tests_with_a_weekend_between_are_not_one_of_sixty_hours(tmp_path: Path) -> None:
+    """Sampled by the hour the process had 37 s of delay instead of 8, and the answer was a success."""
+    one = step_record("1.8/(40s+1)*exp(-8s)", 600.0, 1.0, noise=0.05)
+    two = step_record("1.8/(40s+1)*exp(-8s)", 500.0, 1.0, noise=0.05)
+    joined = [np.concatenate([getattr(one, name), getattr(two, name)]) for name in ("control", "measurement")]
+    path = written(Record(np.append(one.time, two.time + 216_000.0), *joined), tmp_path / "weekend.csv")
+    found = answer(path)
+    assert found["success"]
+    assert f"of {joined[0].size} samples the {one.time.size} of the longest stretch" in found["message"]
+    assert read_process(found["process"]).delay == pytest.approx(8.0, abs=0.5)
 
 
 def test_a_column_that_is_not_there_is_named(tmp_path: Path) -> None:

@@ -52,6 +52,7 @@ def identify_verb(
     from fopid_core.design.identification.frequency_response import frequency_response
     from fopid_core.design.identification.identify import identify
     from fopid_core.design.identification.noise import sensor_noise
+    from fopid_core.design.response_verification import doubt_of
     from fopid_core.study.records import read_record
 
     signals = read_record(record, namespace, control_before, columns)
@@ -65,9 +66,10 @@ def identify_verb(
         plot_fit(found.best, signals, plot, seen)
     models = [_rows(model) for model in found.models]
     best = found.best
+    doubt = doubt_of(signals, best) if found.success and best else ""
     verdict = {
         "success": found.success,
-        "message": found.message,
+        "message": "; ".join(told for told in (found.message, doubt) if told),
         "template": best.template if best else None,
         "process": str(best.process) if best else None,
         "fit_pct": best.fit_pct if best else None,

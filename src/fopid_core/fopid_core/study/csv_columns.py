@@ -20,8 +20,13 @@ SYNONYMS = {"t": "time", "timestamp": "time", "op": "control", "pv": "measuremen
 """What else a header may call them, as control systems do."""
 SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 """Units of time in a header."""
-MISSING = ("", "nan", "null", "none", "n/a", "na", "-")
-"""What stands in a cell without a value."""
+MISSING = (
+    "", "nan", "null", "none", "n/a", "na", "#n/a", "-", "--", "bad", "bad input", "no data", "i/o timeout"
+)  # fmt: skip
+"""What stands in a cell without a value, as spreadsheets and historians write."""
+CLOCKS = ("%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%m/%d/%Y %I:%M:%S %p", "%H:%M:%S", "%H:%M:%S.%f")
+"""Times that can be read in one way only, beside ISO 8601: a day of the month between slashes comes second with am or
+pm only."""
 _EPOCH = 1e8  # times from here on count from 1970, not from the start of a record
 _UNITS_OF_EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 
@@ -46,8 +51,8 @@ def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
     """Read a csv file.
 
     In UTF-8, UTF-16 or Windows-1252. Separated by commas, semicolons or tabs; a decimal comma where commas do not
-    separate; times in seconds, in the unit of their header, as ISO 8601 or counted from 1970 (then from the first row
-    on); a row of units after the header, or no header at all; rows with a gap are left out.
+    separate; times in seconds, in the unit of their header, as ISO 8601, 31.01.2026 12:00:00, 01/31/2026 12:00:00 PM,
+    12:00:00 or counted from 1970 (then from the first row on); a row of units after the header, or no header at all; rows with a gap are left out.
 
     Parameters
     ----------
@@ -184,12 +189,15 @@ def _number(cell: str, comma: bool) -> float:
 
 
 def _moment(cell: str) -> float | None:
-    """Seconds since 1970 of a time in ISO 8601; without an offset as if it were UTC."""
-    try:
-        moment = datetime.fromisoformat(cell.strip())
-    except ValueError:
-        return None
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    """Seconds since 1970 of a time, or since midnight; without an offset as if it were UTC."""
+    text = cell.strip()
+    for clock in ("", *CLOCKS):
+        try:
+            moment = datetime.strptime(text, clock) if clock else datetime.fromisoformat(text)
+        except ValueError:
+            continue
+        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    return None
 
 
 def _column(rows: list[list[str]], name: str, place: int, comma: bool) -> Floats:

@@ -87,6 +87,7 @@ def identify(
     Parameters
     ----------
     record : Record
+        Where nothing was recorded for long, the longest stretch counts.
     template : str
         ``foptd``, ``soptd``, ``nioptd1``, ``nioptd2``; ``all`` of them, and richer ones where these miss something;
         ``rational:N/M`` with a denominator of order N and a numerator of order M; ``unstable:N`` with one of N poles
@@ -121,6 +122,7 @@ def identify(
     (True, 2.0, 1.0)
     """
     begun = clock()
+    whole, record = record, record.longest_stretch
     names = tuple(TEMPLATE_STRUCTURES) if template == "all" else tuple(template.split(","))
     structures = [structure_of(name) for name in names]
     nothing = refusal_before(record)
@@ -144,7 +146,12 @@ def identify(
     if refusal and runaways and _preferred(runaways).fit_pct > max(best.fit_pct, LEAST_FIT):
         best = _preferred(runaways)  # it tells more of what is amiss
         refusal = refusal_of(record, best, noise)
-    return IdentificationResult(not refusal, refusal or _told(best), models + runaways, best, clock() - begun)
+    told = refusal or _told(best)
+    if record is not whole:
+        told += (
+            f"; of {whole.time.size} samples the {record.time.size} of the longest stretch without a break were used"
+        )
+    return IdentificationResult(not refusal, told, models + runaways, best, clock() - begun)
 
 
 def refit(

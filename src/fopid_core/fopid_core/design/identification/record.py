@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,6 +17,9 @@ REGULAR = 1e-3
 """Samples are evenly spaced when none is further from its place than this share of the sample time."""
 _NEAR_TICKS = 0.15
 """Instants lie near ticks when their distances are, on the mean, no further than this from whole numbers of them."""
+_BREAK_SAMPLES, _BREAK_TIMES = 50.0, 5.0
+"""A distance of so many usual ones, and so many times as long as anything that was recorded without one, is a break;
+what is shorter may be a measurement that is told only where it changes."""
 _BLOCKS, _EVERY = 250, 5
 """The record is cut into about so many blocks; every fifth is held back to judge the fit."""
 
@@ -120,6 +124,30 @@ class Record:
         """Whether the instants are evenly spaced."""
         even = np.linspace(self.time[0], self.time[-1], self.time.size)
         return bool(np.abs(self.time - even).max() < REGULAR * self.sample_time)
+
+    @property
+    def breaks(self) -> list[float]:
+        """After which instants nothing was recorded for long: a night, a weekend [s].
+
+        Examples
+        --------
+        >>> time = np.arange(0.0, 5.0, 0.1)
+        >>> Record(np.append(time, time + 1000.0), np.ones(100), np.ones(100)).breaks
+        [4.9]
+        """
+        gaps = np.diff(self.time)
+        before = np.flatnonzero(gaps > _BREAK_SAMPLES * np.median(gaps))
+        edges = np.concatenate([[-1], before, [gaps.size]])
+        longest = (self.time[edges[1:]] - self.time[edges[:-1] + 1]).max()
+        return [float(self.time[k]) for k in before if gaps[k] > _BREAK_TIMES * longest]
+
+    @property
+    def longest_stretch(self) -> Record:
+        """Of the stretches between breaks the one with most samples; all of it where there is no break."""
+        edges = [-math.inf, *self.breaks, math.inf]
+        inside = [(self.time > first) & (self.time <= last) for first, last in pairwise(edges)]
+        times = self.time[max(inside, key=np.count_nonzero)]
+        return self if len(inside) == 1 else self.part(float(times[0]), float(times[-1]))
 
     def averaged(self, most: int) -> tuple[Floats, Floats]:
         """Instants and measurements, of blocks of samples where there are more than ``most`` samples."""
