@@ -52,7 +52,8 @@ def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
 
     In UTF-8, UTF-16 or Windows-1252. Separated by commas, semicolons or tabs; a decimal comma where commas do not
     separate; times in seconds, in the unit of their header, as ISO 8601, 31.01.2026 12:00:00, 01/31/2026 12:00:00 PM,
-    12:00:00 or counted from 1970 (then from the first row on); a row of units after the header, or no header at all; rows with a gap are left out.
+    12:00:00 or counted from 1970 (then from the first row on); a row of units after the header, or no header at all;
+    rows with a gap are left out.
 
     Parameters
     ----------
