@@ -56,7 +56,7 @@ export function plan() {
 function showPlan({ status, message, plan: steps, duration }) {
   const known = status === 200 && Boolean(steps);
   if (!known) planned = setTimeout(plan, PLAN_AGAIN);
-  put("plan-time", known ? `About ${seconds(duration)} in all.` : message);
+  put("plan-time", known ? `About ${seconds(duration)} in all, and some seconds to a minute to work gains out.` : message);
   at("plan-time").className = known ? "quiet" : "warning";
   at("plan-steps").replaceChildren(...(known ? steps : []).map((step) => {
     const item = document.createElement("li"), [, name, rest] = step.match(/^([^:]+)(:.*)?$/s);

@@ -50,6 +50,8 @@ SEEN_SAMPLES = 2000
 """So many of the newest samples show how a measurement is quantised."""
 TOTAL, KEPT = 2.0, 1.5
 """How long all of it takes, in lengths of the experiment, and the factor within which that is kept."""
+WORKING_OUT = ", and some seconds to a minute to work gains out"
+"""What is said beside it, since that depends on the computer."""
 TOTAL_UNTIL_KNOWN = 1.2
 """The same of an experiment that ends when enough is known."""
 LOOKS_AT = (4, 5, 6, 8, 10, 13, 17, 22)
@@ -168,7 +170,9 @@ class ClosedLoopExperiment:
         self._tap.set_tick_hook(hook)
         self._wait.until(
             measured,
-            lambda: Stage("measuring", 0.0, self.estimate, loop.offset, message=f"about {self.estimate:.3g} s in all"),
+            lambda: Stage(
+                "measuring", 0.0, self.estimate, loop.offset, message=f"about {self.estimate:.3g} s in all{WORKING_OUT}"
+            ),
         )
         if not loop.at_steady_state:
             most = STEADY_STATE_SHARE * loop.deviation_max
