@@ -162,6 +162,25 @@ def test_nor_does_it_move_the_control_later(mu: float, sample_time: float) -> No
         assert np.abs(np.array(control) - rest).max() < np.abs(steps).max(), "as a step by four deviations moves it"
 
 
+@pytest.mark.parametrize("ticks", [0.01, 0.04, 0.2, 0.45])
+@pytest.mark.parametrize("mu", [0.5, 1.0, 1.6])
+def test_nor_behind_a_filter_of_less_than_a_tick(mu: float, ticks: float) -> None:
+    """It went to 200 deviations: the slopes were forgotten, and washouts that stand for the same past were not."""
+    noise, sample_time = 0.002, 2.0
+    before = ControllerSettings(Fopid(20.0, 0.4), sample_time)
+    short = {"measurement_filter_order": 2, "measurement_filter_time": ticks * sample_time}
+    after = ControllerSettings(Fopid(310.0, 18.0, 437.0, 1.0, mu), sample_time, **short)
+    for seed in range(5):
+        measured = np.random.default_rng(seed).normal(scale=noise, size=900)
+        usual = FopidController(after)
+        all_along = [usual.step(0.0, float(y)) for y in measured][500:]
+        changing = FopidController(before)
+        rest = [changing.step(0.0, float(y)) for y in measured[:300]][-1]
+        changing.reconfigure(after)
+        control = [changing.step(0.0, float(y)) for y in measured[300:312]]
+        assert np.abs(np.array(control) - rest).max() < np.ptp(all_along), "as it moves in this noise anyway"
+
+
 @pytest.mark.parametrize("weight", [0.0, 0.6, 1.0])
 def test_the_setpoint_acts_at_once_also_where_a_filter_takes_over(weight: float) -> None:
     after = ControllerSettings(

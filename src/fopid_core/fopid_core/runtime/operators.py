@@ -62,6 +62,7 @@ class Operators:
 
     def __init__(self, band: Band, sample_time: float, filter_time: float = 0.0) -> None:
         self._poles = poles = band.lag_poles()
+        self._sample_time = sample_time
         integral = integrated_rows(poles, sample_time)
         filter_weights = lag_weights(filter_time, sample_time)
         derivative = differentiated_rows(poles, sample_time, filter_weights, (sample_time,) * 3)
@@ -102,13 +103,15 @@ class Operators:
         return float(before - after)
 
     def forget_faster(self, time: float) -> None:
-        """Take the differentiated signal for one that has moved no faster than a lag of this time constant lets it [s].
+        """Take the differentiated signal for one that has stood still at its last value for so long [s].
 
-        It goes on from its last value. What the quick washouts and the slopes hold is what noise has left in them.
+        Its slopes are then zero, and each washout has decayed; no less than as many ticks as there are slopes, which
+        stand for the same past. What noise has left in them is gone, the slow move of the signal is not.
         """
-        n, quick = self.integrated, self._poles * time > 1.0
-        self._now[n : n + quick.size][quick] = 0.0
-        self._now[n + quick.size + 1 : n + quick.size + DIFFERENCES] = 0.0
+        n, poles = self.integrated, self._poles
+        stood = max(time, (DIFFERENCES - 1) * self._sample_time)
+        self._now[n : n + poles.size] *= np.exp(-poles * stood)
+        self._now[n + poles.size + 1 : n + poles.size + DIFFERENCES] = 0.0
 
     def keep_in(self, matrix: Matrix, memory: Vector) -> None:
         """Let matrix and memory live in these arrays from now on: rows of a bank, which then does the ticks."""
