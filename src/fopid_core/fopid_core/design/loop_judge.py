@@ -27,9 +27,10 @@ LOAD_WEIGHT = 2.0 / 3.0
 QUIET_WEIGHT, LEAST_SHARE = 0.2, 0.05
 """Half the movement is worth an eighth of the error, 2^-0.2, but no more load than is aimed at; below that share of
 what is aimed at nobody feels it."""
-AHEAD, SHORT_WEIGHT = 0.8, 2.0
+AHEAD, AHEAD_IN_NOISE, SHORT_WEIGHT = 0.8, 0.6, 2.0
 """Of the rule of the textbooks with the least load error on the learnt process: the share of that error, and of its
-movement, that is aimed at; and how much more than other errors it counts to leave or to move more than that."""
+movement, that is aimed at, which is known less well; and how much more than other errors it counts to leave or to
+move more than that."""
 _LEAST, _ROUNDING = 1e-9, 1e-3
 
 
@@ -136,7 +137,7 @@ class LoopJudge:
         """What is allowed of the noise gain, and no more than the textbook needs."""
         if self.textbook is None or math.isinf(self.noise_gain_max):
             return self.noise_gain_max
-        return max(min(AHEAD * self.textbook.noise_gain, self.noise_gain_max), self._quietest)
+        return max(min(AHEAD_IN_NOISE * self.textbook.noise_gain, self.noise_gain_max), self._quietest)
 
     @property
     def load_scale(self) -> float:

@@ -22,7 +22,7 @@ EXCITATIONS = {"prbs": (1 << PRBS_ORDER) - 1, "relay": 8, "step": 2}
 """Kinds of experiment, and into how many holds each divides its duration."""
 INTEGRAL_TIMES = 20.0
 """Length of the experiment when nobody says it, in integral times of the present controller."""
-REST_SHARE, LOOKS = 0.1, 10
+REST_SHARE, LOOKS = 0.08, 10
 """Share of that length over which rest is judged, and how often meanwhile."""
 TICKS_LEAST = 20
 """So many ticks tell whether the loop rests; a busy machine may lose some."""
@@ -48,13 +48,13 @@ SETTLED_SHARE = 0.05
 """Share of the largest deviation made that counts as rest."""
 SEEN_SAMPLES = 2000
 """So many of the newest samples show how a measurement is quantised."""
-TOTAL, KEPT = 2.0, 1.5
-"""How long all of it takes, in lengths of the experiment, and the factor within which that is kept."""
+TOTAL, TOTAL_UNTIL_KNOWN = 2.0, 1.2
+"""How long all of it takes, in lengths of the experiment; where it ends when enough is known."""
+LONGEST = 3.0
+"""No further experiment is begun that would end later than this, in the same lengths."""
 WORKING_OUT = ", and some seconds to a minute to work gains out"
 """What is said beside it, since that depends on the computer."""
-TOTAL_UNTIL_KNOWN = 1.2
-"""The same of an experiment that ends when enough is known."""
-LOOKS_AT = (4, 5, 6, 8, 10, 13, 17, 22)
+LOOKS_AT = (3, 4, 5, 6, 8, 10, 13, 17, 22)
 """After how many holds of a prbs it is looked whether enough is known."""
 WAY_BACK = (0.5, 0.6, 0.7, 0.8, 0.9)
 """Where a probe is on its way back and may be over before its time, since the measurement is back where it was."""
@@ -77,14 +77,14 @@ class ExperimentSettings:
     duration : float
         [s]
     until_known : bool
-        Whether a ``prbs`` ends before its time once enough is known.
+        Whether a ``prbs`` whose duration nobody has said ends before its time once enough is known.
     """
 
     excitation: Kind = "prbs"
     amplitude: float = 0.0
     deviation_max: float = 0.0
     duration: float = 0.0
-    until_known: bool = False
+    until_known: bool = True
 
 
 class ClosedLoopExperiment:
@@ -108,6 +108,7 @@ class ClosedLoopExperiment:
         self.loop = loop
         self._tap, self._wait, self._wanted = tap, wait, wanted
         self._amplitude = self._peak = self._foresight = self._began = 0.0
+        self._first = True
         self.duration = self._chosen_duration()
 
     def _chosen_duration(self) -> float:
@@ -171,7 +172,7 @@ class ClosedLoopExperiment:
         self._wait.until(
             measured,
             lambda: Stage(
-                "measuring", 0.0, self.estimate, loop.offset, message=f"about {self.estimate:.3g} s in all{WORKING_OUT}"
+                "measuring", 0.0, self.estimate, loop.offset, message=f"about {self.estimate:.3g} s in all{self._more}"
             ),
         )
         if not loop.at_steady_state:
@@ -184,27 +185,39 @@ class ClosedLoopExperiment:
     @property
     def estimate(self) -> float:
         """How long rest, probes, experiment and what follows take [s]."""
-        return (TOTAL_UNTIL_KNOWN if self._wanted.until_known else TOTAL) * self.duration
+        return (TOTAL_UNTIL_KNOWN if self._ends_when_known else TOTAL) * self.duration
+
+    @property
+    def _ends_when_known(self) -> bool:
+        wanted = self._wanted
+        return wanted.until_known and wanted.excitation == "prbs" and not wanted.duration
+
+    @property
+    def _more(self) -> str:
+        """What is said beside the estimate."""
+        return f", at most {LONGEST * self.duration:.3g} s where that says too little{WORKING_OUT}"
 
     @property
     def fits(self) -> bool:
         """Whether there is time for one more experiment within what was announced."""
         now = self._tap.history.newest_time("control")
-        return now + self.duration - self._began <= KEPT * self.estimate
+        return now + self.duration - self._began <= LONGEST * self.duration
 
     def excite(self, known: Callable[[], bool] = lambda: False) -> str:
-        """Make the experiment, with larger moves than the last one if that moved too little.
+        """Make the experiment; after one that said too little the whole of it, with larger moves if that moved little.
 
         Parameters
         ----------
         known : callable
-            Whether enough is known; asked now and then where the experiment is to end then. May take its time.
+            Whether enough is known; asked now and then where a first experiment is to end then. May take its time.
 
         Returns
         -------
         str
             Why it was stopped; empty when it came to its end.
         """
+        looks = [look / EXCITATIONS["prbs"] for look in LOOKS_AT] if self._ends_when_known and self._first else []
+        self._first = False
         if self._wanted.amplitude:
             self._amplitude = self._wanted.amplitude
         elif not self._amplitude:
@@ -215,9 +228,7 @@ class ClosedLoopExperiment:
             larger = MOST_SHARE * self.loop.deviation_max / max(self._peak, 1e-300)
             self._amplitude = min(self._amplitude * min(max(larger, 1.0), MOST_LARGER_AGAIN), self._most())
         excitation = Excitation(self._settings(self._wanted.excitation, self._amplitude, self.duration))
-        looks = LOOKS_AT if self._wanted.until_known and self._wanted.excitation == "prbs" else ()
-        shares = [look / EXCITATIONS["prbs"] for look in looks]
-        self._run_excitation(excitation, lambda: 0.1 + 0.5 * excitation.progress, known=lambda _: known(), looks=shares)
+        self._run_excitation(excitation, lambda: 0.1 + 0.5 * excitation.progress, known=lambda _: known(), looks=looks)
         return "" if excitation.completed else excitation.reason
 
     def _most(self) -> float:
@@ -240,7 +251,7 @@ class ClosedLoopExperiment:
         loop = self.loop
         amplitude = self._first_amplitude()
         seen = max(min(SEEN_SWINGS * loop.swing, SEEN_SHARE * loop.deviation_max), loop.least_move)
-        looks, share = (WAY_BACK, PROBE_SHARE_UNTIL_KNOWN) if self._wanted.until_known else ((), PROBE_SHARE)
+        looks, share = (WAY_BACK, PROBE_SHARE_UNTIL_KNOWN) if self._ends_when_known else ((), PROBE_SHARE)
 
         def is_back(guarded: GuardedExcitation) -> bool:
             return abs(guarded.level) <= seen
