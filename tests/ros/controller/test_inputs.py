@@ -187,6 +187,43 @@ def test_a_stamp_more_than_a_tick_and_the_skew_ahead_is_refused_and_counted(skew
     assert heard.inputs.measurement.value == 0.9
 
 
+class Clocks:
+    """The steady and the system's clock [ns], as the test sets them."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.steady, self.system = 100 * S, 1000 * S
+        told = SimpleNamespace(monotonic_ns=lambda: self.steady, time_ns=lambda: self.system)
+        monkeypatch.setattr("fopid_ros.controller.stamps.time", told)
+
+
+@pytest.mark.parametrize(
+    ("set_by", "expected"), [(0.0, 0.003), (3600.0, 0.004), (-3600.0, 0.0)]
+)  # [s]; it came 1 ms after the last look, and was read 3 ms later
+def test_a_measurement_is_as_old_as_it_waited_for_its_tick_whatever_the_system_clock_is_set_to(
+    monkeypatch: pytest.MonkeyPatch, set_by: float, expected: float
+) -> None:
+    clocks = Clocks(monkeypatch)
+    heard = Heard()
+    heard.inputs.stamps.looked()
+    came = clocks.system + S // 1000
+    clocks.steady += 4 * S // 1000
+    clocks.system += 4 * S // 1000 + round(set_by * S)
+    now = heard.at(2.0)
+    heard.inputs.take_measurement(message(0.5), {"received_timestamp": came})
+    assert heard.inputs.measurement.age(now) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_stamp_is_judged_by_when_its_sample_came_and_not_by_when_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    clocks = Clocks(monkeypatch)
+    heard = Heard()
+    clocks.steady += S
+    heard.at(100.0)
+    for waited, refused in ((0.0, 0), (0.005, 1)):
+        info = {"received_timestamp": clocks.system - round(waited * S)}
+        heard.inputs.take_measurement(message(0.5, stamp=100.008), info)  # a tick is 0.01 s
+        assert heard.counts.stamps_ahead == refused
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1.1e100])
 def test_a_value_that_is_no_number_is_refused_counted_and_told_and_the_last_one_ages_on(value: float) -> None:
     heard = Heard()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import time
@@ -46,6 +47,24 @@ def test_a_timeout_is_off_when_zero_and_refused_between_automatic_and_off() -> N
     for name in ("measurement", "feedforward", "tracking"):
         with pytest.raises(InputError, match=f"{name}_timeout = -0.5; allowed: -1 for automatic"):
             check_timeouts(DEFAULTS | {f"{name}_timeout": -0.5})
+
+
+def test_of_the_measurements_between_two_ticks_the_newest_good_one_counts_and_all_are_judged(graph: Graph) -> None:
+    fed = FedController(graph, {"kp": 1.0, "sample_time": 1.0, "setpoint.initial": 0.0})
+    fed.sensor = 0.1
+    fed.wait(lambda state: state.measurement == 0.1)
+    fed.sensor = None
+    for value in (0.2, math.nan, 0.3, math.nan):
+        fed.publishers["measurement"].publish(ScalarStamped(value=value))
+        if value == 0.3:
+            sent = time.time_ns()
+        graph.spin(0.02)
+    state = fed.wait(lambda state: state.measurement != 0.1)
+    assert state.measurement == 0.3
+    since = (state.header.stamp.sec * 10**9 + state.header.stamp.nanosec - sent) * 1e-9
+    assert since > 0.5  # it was sent soon after a tick
+    assert since - 0.25 < state.measurement_age <= since  # what it took on the way, on a busy machine
+    graph.until(lambda: fed.facts.get("refused of the measurement") == "2", "a count of what was refused")
 
 
 def test_in_lockstep_a_feedforward_dies_by_the_loops_own_time(graph: Graph) -> None:

@@ -61,11 +61,11 @@ TIMING = Spec(
 AUTOSTART = Spec("autostart", True, "configure and activate without waiting for a lifecycle manager", read_only=True)
 
 
-def loop_qos(*, lockstep: bool, reliable: bool = True) -> QoSProfile:
-    """QoS of the loop's signals: depth 1, since only the newest value counts, except in lockstep."""
+def loop_qos(*, lockstep: bool, reliable: bool = True, depth: int = 1) -> QoSProfile:
+    """QoS of the loop's signals: depth 1, since only the newest value counts, unless told otherwise or in lockstep."""
     best_effort = not reliable and not lockstep
     return QoSProfile(
-        depth=LOCKSTEP_DEPTH if lockstep else 1,
+        depth=LOCKSTEP_DEPTH if lockstep else depth,
         reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
     )
 
@@ -75,11 +75,17 @@ def latched_qos(depth: int = 1) -> QoSProfile:
     return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def take_pending_messages(subscription: Subscription, *, informed: bool = False) -> None:
-    """Deliver the messages that have arrived but whose callback has not run yet; with what is known of each."""
-    take = subscription.handle.take_message
-    while (taken := take(subscription.msg_type, subscription.raw)) is not None:
-        subscription.callback(*taken if informed else taken[:1])
+def take_pending_messages(subscription: Subscription, *, informed: bool = False, most: int = LOCKSTEP_DEPTH) -> None:
+    """Deliver the messages that have arrived but whose callback has not run yet; with what is known of each.
+
+    So many at most: they may come faster than they are read.
+    """
+    take, callback = subscription.handle.take_message, subscription.callback
+    for _ in range(most):
+        taken = take(subscription.msg_type, subscription.raw)
+        if taken is None:
+            return
+        callback(*taken if informed else taken[:1])
 
 
 class ManagedNode(GuardedNode, LifecycleNode):

@@ -171,11 +171,15 @@ class LoopInputs:
         self._refuse(f"{told}{allowed}; refused ({one.refused} so far)")
         return False
 
-    def take_measurement(self, message: Any) -> None:
-        """In real time: a stamp, where there is one, tells old samples from new ones."""
-        kind, one, now = self._types["measurement"], self.measurement, self._now()
-        stamp = kind.stamp_ns(message)
-        if self._comes_from_the_future(one, stamp):
+    def take_measurement(self, message: Any, info: Mapping[str, int] | None = None) -> None:
+        """In real time: a stamp, where there is one, tells old samples from new ones.
+
+        ``info`` is what the transport knows of a message that has waited for this tick: it is as old as it waited.
+        """
+        kind, one = self._types["measurement"], self.measurement
+        stamp, waited = kind.stamp_ns(message), self.stamps.waited(info)
+        now = self._now() - waited
+        if self._comes_from_the_future(one, stamp, waited):
             return
         order = self.stamps.order(stamp)
         if order is Order.OLDER:
@@ -192,9 +196,9 @@ class LoopInputs:
         one.refused += 1
         self._refuse(f"{told}; refused ({one.refused} so far)")
 
-    def _comes_from_the_future(self, one: Input, stamp_ns: int | None) -> bool:
+    def _comes_from_the_future(self, one: Input, stamp_ns: int | None, waited_ns: int = 0) -> bool:
         """Whether a stamp is further ahead than a tick and the clocks' skew: it is refused and counted."""
-        told = self.stamps.too_far_ahead(one.name, stamp_ns)
+        told = self.stamps.too_far_ahead(one.name, stamp_ns, waited_ns)
         if told:
             self.refuse_message(one.name, told)
         return bool(told)

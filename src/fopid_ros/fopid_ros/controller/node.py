@@ -282,6 +282,7 @@ class ControllerNode(TickingNode):
             self.get_logger().error(f"{names} stale; on_stale = {self._values['on_stale']}")
 
     def _publish_diagnostics(self) -> None:
+        self.take_waiting()
         since, rates = self._statistics.window(time.monotonic_ns())
         found = self.guard.health_problems() + self._lacks()
         found += health_problems(since, ticking=self._active and not self._lockstep) + self._disputes()

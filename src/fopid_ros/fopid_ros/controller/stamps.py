@@ -38,6 +38,7 @@ class Stamps:
     def __init__(self, node: ManagedNode, counts: TickCounts) -> None:
         self._node, self._counts, self._now = node, counts, time_of_stamps(node)
         self._most_ahead_ns = 0
+        self._looked_ns = time.monotonic_ns()
         self._newest: int | None = None
 
     def take_settings(self, values: Mapping[str, Any]) -> None:
@@ -48,11 +49,25 @@ class Stamps:
         """Forget the order of the samples before."""
         self._newest = None
 
-    def too_far_ahead(self, name: str, stamp_ns: int | None) -> str:
+    def waited(self, info: Mapping[str, int] | None) -> int:
+        """How long a message has waited to be read [ns], by what the transport knows of it; 0 where that is not known.
+
+        No longer than since the last look, whatever the system's clock has been set to meanwhile.
+        """
+        if info is None:
+            return 0
+        since = time.monotonic_ns() - self._looked_ns
+        return min(max(time.time_ns() - info["received_timestamp"], 0), since)
+
+    def looked(self) -> None:
+        """All messages that had come have been read."""
+        self._looked_ns = time.monotonic_ns()
+
+    def too_far_ahead(self, name: str, stamp_ns: int | None, waited_ns: int = 0) -> str:
         """Why a sample of this signal is refused: its stamp is beyond the tolerance; empty for one that is not."""
         if not stamp_ns:
             return ""
-        ahead_ns = stamp_ns - self._now()
+        ahead_ns = stamp_ns - self._now() + waited_ns
         if ahead_ns <= self._most_ahead_ns:
             return ""
         self._counts.stamps_ahead += 1

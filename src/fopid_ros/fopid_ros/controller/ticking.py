@@ -12,12 +12,13 @@ from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
 from fopid_ros.common.diagnostics import TickStatistics
 from fopid_ros.common.guard import do_nothing
-from fopid_ros.common.managed_node import loop_qos
+from fopid_ros.common.managed_node import loop_qos, take_pending_messages
 from fopid_ros.common.signals import SignalType
 from fopid_ros.controller.remembering import RememberingNode
 from fopid_ros.controller.stamps import time_of_stamps
@@ -25,6 +26,8 @@ from fopid_ros.controller.stamps import time_of_stamps
 NS = 1_000_000_000
 END_OF_TIME = NS << 31
 """What no stamp can say [ns]."""
+MOST_WAITING = 10
+"""Measurements that wait for a tick; of more the newest. One that is refused does not hide the good one before it."""
 READ_TIME = 0.3
 """How long the end waits for those who read the control [s]."""
 
@@ -42,6 +45,8 @@ class TickingNode(RememberingNode):
     _timer: Timer | None = None
     _last_tick: int | None = None
     _state_sent_ns = 0
+    _waiting: Subscription | None = None
+    """Whose messages wait for the next tick."""
 
     @abstractmethod
     def send_control(self, stamp_ns: int) -> None:
@@ -74,13 +79,26 @@ class TickingNode(RememberingNode):
         self._interval, self._state_sent_ns = 0.0, 0
 
     def open_measurement(self) -> None:
-        """Hear the measurement: in lockstep it is the tick."""
+        """Hear the measurement: in lockstep it is the tick; in real time it waits for one, unless time is simulated.
+
+        To be woken for each measurement would cost more than all that a tick works out.
+        """
         lockstep, kind = self._lockstep, self._types["measurement"]
-        self.endpoints.subscription(
+        subscription = self.endpoints.subscription(
             kind.message_type, "measurement", self._lockstep_tick if lockstep else self._inputs.take_measurement,
-            loop_qos(lockstep=lockstep, reliable=False), raw=kind.raw,
+            loop_qos(lockstep=lockstep, reliable=False, depth=MOST_WAITING), raw=kind.raw,
             otherwise=self._fail_safe if lockstep else do_nothing,
         )  # fmt: skip
+        waits = self._tick_clock is self._steady and not lockstep
+        self._waiting = subscription if waits else None
+        if waits:
+            self.taken_by_hand.add(subscription)
+
+    def take_waiting(self) -> None:
+        """Take the measurements that have come since the last time."""
+        if self._waiting is not None:
+            take_pending_messages(self._waiting, informed=True, most=MOST_WAITING)
+            self._inputs.stamps.looked()
 
     def open_mode_services(self) -> None:
         """Offer ~/reset and ~/set_auto."""
@@ -157,6 +175,7 @@ class TickingNode(RememberingNode):
     def _tick_on_timer(self) -> None:
         if not self._active:  # it was due before the timer ended: the safe control stays the last thing sent
             return
+        self.take_waiting()
         now = self._now()
         self._begin_tick(now)
         self.tick(self._stamp(), now)

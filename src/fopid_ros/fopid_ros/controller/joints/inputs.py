@@ -82,11 +82,14 @@ class JointInputs:
         for subscription in self._subscriptions:
             take_pending_messages(subscription)
 
-    def take_measurement(self, message: Any) -> None:
-        """In real time: a stamp, where there is one, tells old samples from new ones."""
-        now = self._now()
-        stamp = self._types["measurement"].stamp_ns(message)
-        if self._comes_from_the_future("measurement", stamp):
+    def take_measurement(self, message: Any, info: Mapping[str, int] | None = None) -> None:
+        """In real time: a stamp, where there is one, tells old samples from new ones.
+
+        ``info`` is what the transport knows of a message that has waited for this tick: it is as old as it waited.
+        """
+        stamp, waited = self._types["measurement"].stamp_ns(message), self.stamps.waited(info)
+        now = self._now() - waited
+        if self._comes_from_the_future("measurement", stamp, waited):
             return
         order = self.stamps.order(stamp)
         if order is Order.OLDER:
@@ -114,9 +117,9 @@ class JointInputs:
             one.refused += 1
         self._refuse(told, len(self._inputs[name]))
 
-    def _comes_from_the_future(self, name: str, stamp_ns: int | None) -> bool:
+    def _comes_from_the_future(self, name: str, stamp_ns: int | None, waited_ns: int = 0) -> bool:
         """Whether a stamp is further ahead than a tick and the clocks' skew: it is refused and counted."""
-        told = self.stamps.too_far_ahead(name, stamp_ns)
+        told = self.stamps.too_far_ahead(name, stamp_ns, waited_ns)
         if told:
             self._refuse(told)
         return bool(told)

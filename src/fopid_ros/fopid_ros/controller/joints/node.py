@@ -221,6 +221,7 @@ class JointsNode(TickingNode):
             self.get_logger().error(f"{names} stale; on_stale = {self._values['on_stale']}")
 
     def health(self) -> tuple[str, list[tuple[bytes, str]], dict[str, object]]:
+        self.take_waiting()
         since, rates = self._statistics.window(time.monotonic_ns())
         now, counts = self._now(), self._statistics.counts
         found = self.memory_problems() + (self._lacks(now) if self._active else [])
