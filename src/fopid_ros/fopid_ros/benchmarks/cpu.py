@@ -19,6 +19,7 @@ from rclpy.task import Future
 
 from fopid_msgs.msg import FopidState, ScalarStamped
 from fopid_ros.common.managed_node import loop_qos
+from fopid_ros.common.middleware import use_profile
 from fopid_ros.experiment.child_processes import Children, command, ros_arguments
 
 PERIOD = 0.005
@@ -84,7 +85,8 @@ def cpu_seconds(process_id: int) -> float:
 
 
 def serve(*makers: Callable[[], Node]) -> int:
-    """Be another process of a measurement; its parent ends it."""
+    """Be another process of a measurement, on the transport that the nodes use; its parent ends it."""
+    use_profile()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
