@@ -8,6 +8,7 @@ import os
 import signal
 import socket
 import sys
+import time
 from collections.abc import Sequence
 
 import rclpy
@@ -23,13 +24,13 @@ from fopid_core.errors import InputError
 from fopid_core.study.page.access import Access, chosen_token
 from fopid_core.study.page.listening import http_server, listening_sockets, page_address
 from fopid_ros.common.middleware import prepare_middleware, use_profile
-from fopid_ros.dashboard.live import PERIOD, close_browsers
+from fopid_ros.dashboard.live import PERIOD, LiveHandler, close_browsers
 from fopid_ros.dashboard.node import SPECS, DashboardNode
 from fopid_ros.dashboard.web import application
 
 TOKEN_VARIABLE = "FOPID_DASHBOARD_TOKEN"
 DEFAULT_PORT = 8077
-SLICE = 0.02  # [s] between two looks at what ROS has brought
+SLICE = 0.02  # [s] between two looks at what ROS has brought, while somebody looks at the page; else PERIOD
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -46,20 +47,19 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-async def _spin(executor: Executor) -> None:
+async def _spin(executor: Executor, node: DashboardNode) -> None:
     """Serve ROS between the requests: all in one thread, so that nothing needs a lock."""
+    settled = 0.0
     while True:
         # spin_until_future_complete would keep 32 bytes of each of its calls, 5 MB an hour.
         waiting = executor.create_task(lambda: None)  # comes behind all that is waiting now
         while not waiting.done():
             executor.spin_once(timeout_sec=0.0)
-        await asyncio.sleep(SLICE)
-
-
-async def _settle(node: DashboardNode) -> None:
-    while True:
-        node.history.settle()
-        await asyncio.sleep(PERIOD)
+        now = time.monotonic()
+        if now - settled >= PERIOD - SLICE / 2:
+            settled = now
+            node.history.settle()
+        await asyncio.sleep(SLICE if LiveHandler.open_now else PERIOD)
 
 
 async def serve(node: DashboardNode, executor: Executor, server: HTTPServer, sockets: list[socket.socket]) -> None:
@@ -68,7 +68,7 @@ async def serve(node: DashboardNode, executor: Executor, server: HTTPServer, soc
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     server.add_sockets(sockets)
-    tasks = [asyncio.create_task(work) for work in (_spin(executor), _settle(node), node.watch(), stop.wait())]
+    tasks = [asyncio.create_task(work) for work in (_spin(executor, node), node.watch(), stop.wait())]
     done, pending = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     server.stop()
     close_browsers()
