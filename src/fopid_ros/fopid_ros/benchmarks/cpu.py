@@ -23,13 +23,16 @@ from fopid_ros.common.middleware import use_profile
 from fopid_ros.experiment.child_processes import Children, command, ros_arguments
 
 PERIOD = 0.005
+SWEEP = 1e-3
+"""By so much of a period the bare node's clock is fast and the sensor's slow: in 5 s at 200 Hz ticks and samples meet
+at every phase. Who wakes while another process is awake needs much less time for it."""
 LONGEST = 600.0  # [s] what another process of a measurement may run
 
 
 class BareNode(Node):
     """Subscribes and publishes what the controller does, at the same rate, and works nothing out."""
 
-    def __init__(self, namespace: str | None = None, period: float = PERIOD) -> None:
+    def __init__(self, namespace: str | None = None, period: float = (1.0 - SWEEP) * PERIOD) -> None:
         super().__init__("bare", namespace=namespace)
         for name in ("setpoint", "measurement", "feedforward", "manual_control"):
             qos = loop_qos(lockstep=False, reliable=name != "measurement")
@@ -48,11 +51,7 @@ class BareNode(Node):
 
 
 class Sensor(Node):
-    """Sends measurements and a setpoint; reads what both nodes publish, as a plant and a plot do.
-
-    Its clock is a thousandth slow, so that in five seconds its samples meet the ticks of both nodes at every phase: a
-    sample that comes while a node is awake costs it much less than one that wakes it.
-    """
+    """Sends measurements and a setpoint; reads what both nodes publish, as a plant and a plot do."""
 
     def __init__(self) -> None:
         super().__init__("sensor")
@@ -63,7 +62,7 @@ class Sensor(Node):
         for topic in self.received:
             kind = FopidState if topic.endswith("state") else ScalarStamped
             self.create_subscription(kind, topic, partial(self._count, topic), 10)
-        self.create_timer(1.001 * PERIOD, self._send, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer((1.0 + SWEEP) * PERIOD, self._send, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _count(self, topic: str, message: ScalarStamped | FopidState) -> None:
         self.received[topic] += 1
