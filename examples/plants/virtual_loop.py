@@ -165,6 +165,7 @@ class VirtualLoop:
         self.stages.append(stage)
 
     def until(self, done: Callable[[], bool], stage: Callable[[], Stage]) -> None:
+        self.stages.append(stage())
         while not done():
             if self.time > self.longest:
                 raise TooLongError(f"{stage().phase} after {self.time:g} s")

@@ -16,7 +16,7 @@ from fopid_core.design.robust_verification import RobustLimits, plausible_proces
 from fopid_core.model.arrays import Floats
 from fopid_core.model.process import Process
 
-SPREAD, DISPUTED, CHANGE = 0.1, 0.2, 0.1
+SPREAD, DISPUTED, CHANGE = 0.15, 0.2, 0.1
 """By how much of its size the process may be uncertain by its covariance (a standard deviation), differ from another
 structure that explains as much, and from what it was taken for at the look before."""
 LOWEST, PLACES = 0.1, 11
