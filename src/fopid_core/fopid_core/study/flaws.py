@@ -55,23 +55,32 @@ class Flaws:
 
     def stem(self, control: Floats, before: Floats) -> Floats:
         """Where the stem is under a control, shape (m,), and was before."""
-        limited = np.clip(control, self.low, self.high)
+        return self._moved(np.clip(control, self.low, self.high), before, self._behind())
+
+    def _behind(self) -> Floats | None:
+        """By how much a stem that moves stays behind; None where none does."""
+        behind = np.asarray((1.0 - self.slip) * self.dead_band)
+        return behind if behind.any() else None
+
+    def _moved(self, limited: Floats, before: Floats, behind: Floats | None) -> Floats:
+        """Where the stem is under what the limits leave of a control."""
         away = limited - before
-        behind = (1.0 - self.slip) * self.dead_band
-        return np.where(np.abs(away) > self.dead_band, limited - np.sign(away) * behind, before)
+        there = limited if behind is None else limited - np.sign(away) * behind
+        return np.where(np.abs(away) > self.dead_band, there, before)
 
     def felt(self, control: Floats) -> Floats:
         """What is felt of a control, shape (n,), or of one for each process, shape (m, n); shape (m, n)."""
         count = np.broadcast(self.dead_band, self.slip, self.low, self.high, self.began).size
         controls = np.atleast_2d(control)
         controls = np.broadcast_to(controls, (max(count, len(controls)), controls.shape[1]))
+        limited = np.clip(controls, _column(self.low), _column(self.high))
         if not np.any(self.dead_band):
-            return np.clip(controls, _column(self.low), _column(self.high))
-        stems = np.empty(controls.shape)
+            return limited
         stem = np.clip(controls[:, 0] + self.began, self.low, self.high)
-        for k, moved in enumerate(controls.T):
-            stems[:, k] = stem = self.stem(moved, stem)
-        return stems
+        stems, behind = np.array(limited.T, order="C"), self._behind()
+        for moved in stems:
+            moved[:] = stem = self._moved(moved, stem, behind)
+        return np.ascontiguousarray(stems.T)
 
     def bent(self, straight: Floats | float) -> Floats:
         """The output where a linear process would show this."""

@@ -17,19 +17,21 @@ from scipy.signal import lfilter
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition
-from fopid_core.model.arrays import Floats
+from fopid_core.model.arrays import Floats, Indexes
 from fopid_core.model.process import Process
 from fopid_core.study.flaws import Flaws, joined
 from fopid_core.study.sequential_sampling import sample
 
-PARTICLES, _FIRST = 160, 8
+PARTICLES, _FIRST = 320, 8
 """In the end, and so many times as many to begin with: a dead band shows in a small part of where it might be."""
 WIDER = 3.0
 """The sampling begins with so many times the standard deviations of the best fit."""
 _WIDTHS = (0.1, 1.0)
 """As shares of the usual ones, since what shows clearly is known far better."""
-_BANDS, _NEAR_BAND = (5e-4, 0.25), 0.1
-"""Dead bands, as shares of the control's range; and how far about one that was found the sampling begins."""
+_BANDS, SCANNED = (5e-4, 0.25), 800
+"""Dead bands, as shares of the control's range; and in how many ranges of equal ratio they are looked for."""
+_AT_ONCE = 160
+"""Of so many numbers the signals are held in memory at once."""
 _MOST_RINGING = 25.0
 """The shape of two lags that is looked for at most, or four times what was found: a damping of 0.1."""
 _SHIFT = 0.05
@@ -74,7 +76,9 @@ def drawn(
     """
     random = np.random.default_rng([seed, 1])
     kinds = [_Posterior(record, best, start, replace(flaws, slip=slip), loads, whitener, flaws) for slip in (1.0, 0.0)]
-    found = [sample(kind.log_first, kind.log_density, kind.begin(random), PARTICLES, random) for kind in kinds]
+    found = [
+        sample(kind.log_first, kind.log_density, kind.begin(random), PARTICLES, random, kind.redrawn) for kind in kinds
+    ]
     highest = [float(kind.log_density(numbers).max()) for kind, numbers in zip(kinds, found, strict=True)]
     first = round(count / (1.0 + math.exp(min(highest[1] - highest[0], 500.0))))
     parts = [
@@ -123,7 +127,8 @@ class _Posterior:
         gain = abs(float(best.gains[0]))
         self._sizes = [math.inf, *[gain * load] * max(len(loads), 1), bend]
         self._sigma = max(best.noise, 1e-9 * float(np.ptp(record.measurement)))
-        self._deviations = self._first_look(bool(loads))
+        self._deviations, slopes, usual = self._first_look(bool(loads))
+        self._share, self._shift = self._scanned(slopes, usual)
 
     def some(self, particles: Floats, count: int, random: np.random.Generator) -> Possible:
         """So many of the particles as processes and flaws, with what enters linearly as likely as it is beside them."""
@@ -151,15 +156,19 @@ class _Posterior:
         inside = np.all((numbers >= self._low) & (numbers <= self._high), axis=1)
         value = np.full(len(numbers), -math.inf)
         if inside.any():
-            columns = self._columns(numbers[inside])
-            gram, right = self._normal(columns)
-            explained = np.einsum("mk,mk->m", right, np.linalg.solve(gram, right[:, :, np.newaxis])[:, :, 0])
-            power = float(self._target @ self._target)
-            left = np.maximum(power - explained, 0.0) + _ROUNDING * power
-            freedom = self._target.size - columns.shape[1]
-            value[inside] = -0.5 * freedom * np.log(left) - 0.5 * np.linalg.slogdet(gram)[1]
+            parts = np.array_split(numbers[inside], math.ceil(inside.sum() / _AT_ONCE))
+            value[inside] = np.concatenate([self._beside(*self._normal(self._columns(part)))[0] for part in parts])
             value[inside] += numbers[inside, 3]  # any dead band is as likely as any other: it counts by its size
         return value
+
+    def _beside(self, gram: Floats, right: Floats) -> tuple[Floats, Floats]:
+        """How likely columns make the record, shape (m,), and their sizes that explain it best, shape (m, k)."""
+        sizes = np.asarray(np.linalg.solve(gram, right[:, :, np.newaxis])[:, :, 0], dtype=np.float64)
+        power = float(self._target @ self._target)
+        left = np.maximum(power - np.einsum("mk,mk->m", right, sizes), 0.0) + _ROUNDING * power
+        freedom = self._target.size - gram.shape[1]
+        likely: Floats = -0.5 * freedom * np.log(left) - 0.5 * np.linalg.slogdet(gram)[1]
+        return likely, sizes
 
     def _normal(self, columns: Floats) -> tuple[Floats, Floats]:
         """The normal equations, shapes (m, k, k) and (m, k)."""
@@ -212,8 +221,11 @@ class _Posterior:
         behind: Floats = lfilter(self._whitener, np.ones(1), signals, axis=-1)
         return behind[..., self._whitener.size - 1 :]
 
-    def _first_look(self, loads: bool) -> Floats:
-        """Standard deviations with which the sampling begins; infinite where it begins anywhere."""
+    def _first_look(self, loads: bool) -> tuple[Floats, Floats, Floats]:
+        """Standard deviations with which the sampling begins, infinite where it begins anywhere.
+
+        And by what lags, shape and delay move the measurement, shape (3, n), with their usual sizes.
+        """
         center = np.where(np.isnan(self._center), self._low, self._center)
         steps = np.array([_STEP, _STEP * max(center[1], 0.01), _STEP * (center[2] + self._record.sample_time)])
         moved = np.repeat(center[np.newaxis], 6, axis=0)
@@ -226,24 +238,59 @@ class _Posterior:
         usual = np.array([1.0, 1.0, math.exp(center[0])])
         spread = np.linalg.inv(slopes @ slopes.T / self._sigma**2 + np.diag(usual**-2.0))
         self._root = WIDER * np.linalg.cholesky(spread)
-        rest = np.full(center.size - 3, math.inf)
-        if self._band_known:
-            rest[0] = _NEAR_BAND
+        rest = np.full(center.size - 4, math.inf)
         if loads:
-            rest[self._first_load - 3 :] = 3.0 + 0.02 * self._time.size
-        return rest
+            rest[self._first_load - 4 :] = 3.0 + 0.02 * self._time.size
+        return rest, slopes, usual
+
+    def _scanned(self, slopes: Floats, usual: Floats) -> tuple[Floats, Floats]:
+        """How likely each of many narrow ranges of the dead band is, shape (s,), and what it makes of the lags, (s, 3).
+
+        Each has its own moments at which the stem moves, so that the likelihood jumps from one to the next. Lags,
+        shape and delay are let go along by their slopes. The root of the likelihood counts, as those are no more.
+        """
+        numbers = np.tile(np.where(np.isnan(self._center), self._low, self._center), (SCANNED, 1))
+        numbers[:, 3] = self._band_at(np.linspace(0.5, SCANNED - 0.5, SCANNED))
+        found = []
+        for part in np.array_split(numbers, math.ceil(SCANNED / _AT_ONCE)):
+            columns = self._columns(part)
+            several = np.concatenate([columns, np.broadcast_to(slopes, (len(part), *slopes.shape))], axis=1)
+            gram, right = self._normal(several)
+            gram[:, [-3, -2, -1], [-3, -2, -1]] += (self._sigma / usual) ** 2
+            found.append(self._beside(gram, right))
+        likely = np.concatenate([each for each, _ in found]) + numbers[:, 3]
+        share = np.exp(0.5 * (likely - likely.max()))
+        return 0.5 * share / share.sum() + 0.5 / SCANNED, np.concatenate([sizes[:, -3:] for _, sizes in found])
+
+    def _range_of(self, numbers: Floats) -> Indexes:
+        """In which of the ranges that were scanned a dead band is."""
+        at = SCANNED * (numbers[:, 3] - self._low[3]) / (self._high[3] - self._low[3])
+        return np.asarray(np.clip(at, 0, SCANNED - 1), dtype=np.intp)
+
+    def _band_at(self, place: Floats) -> Floats:
+        """The logarithm of the dead band that is so many ranges above the smallest."""
+        return np.asarray(self._low[3] + place / SCANNED * (self._high[3] - self._low[3]))
+
+    def redrawn(self, numbers: Floats, random: np.random.Generator) -> tuple[Floats, Floats]:
+        """Other dead bands with the lags that go with them, and the logarithm of how much likelier the way back is."""
+        tried, before = numbers.copy(), self._range_of(numbers)
+        after = random.choice(SCANNED, len(numbers), p=self._share)
+        tried[:, 3] = self._band_at(after + random.uniform(size=len(numbers)))
+        tried[:, :3] += self._shift[after] - self._shift[before]
+        return tried, np.log(self._share[before] / self._share[after])
 
     def log_first(self, numbers: Floats) -> Floats:
         """Logarithm of the density with which the sampling begins: about what was found, and half of it anywhere."""
         away = np.linalg.solve(self._root, (numbers[:, :3] - self._center[:3]).T)
         known = np.isfinite(self._deviations)
-        spread, wide = self._deviations[known], (self._high - self._low)[3:][known]
-        rest = (numbers[:, 3:] - self._center[3:])[:, known] / spread
+        spread, wide = self._deviations[known], (self._high - self._low)[4:][known]
+        rest = (numbers[:, 4:] - self._center[4:])[:, known] / spread
         near = sum(np.exp(-0.5 * (rest / k) ** 2) / (k * spread) for k in _WIDTHS) / (
             len(_WIDTHS) * math.sqrt(2 * math.pi)
         )
         inside = np.all((numbers >= self._low) & (numbers <= self._high), axis=1)
         value = -0.5 * np.sum(away**2, axis=0) + np.sum(np.log(0.5 * near + 0.5 / wide), axis=1)
+        value += np.log(self._share[self._range_of(numbers)])
         return np.where(inside, value, -math.inf)
 
     def begin(self, random: np.random.Generator) -> Floats:
@@ -253,19 +300,23 @@ class _Posterior:
         while len(found) < count:
             tried = random.uniform(self._low, self._high, (count, self._center.size))
             tried[:, :3] = self._center[:3] + random.standard_normal((count, 3)) @ self._root.T
-            near = self._center[3:] + np.where(known, self._deviations, 0.0) * random.standard_normal(
+            near = self._center[4:] + np.where(known, self._deviations, 0.0) * random.standard_normal(
                 (count, known.size)
             )
             chosen = known & (random.uniform(size=near.shape) < 0.5)
-            tried[:, 3:] = np.where(chosen, near, tried[:, 3:])
+            tried[:, 4:] = np.where(chosen, near, tried[:, 4:])
+            tried[:, 3] = self.redrawn(tried, random)[0][:, 3]
             found = np.concatenate([found, tried[np.isfinite(self.log_first(tried))]])[:count]
         return found
 
 
 def two_lags(lag: Floats, shape: Floats, time: Floats) -> Floats:
     """Step responses of 1/(shape lag^2 s^2 + lag s + 1), shapes (m,), (m,), (m, n); zero before zero."""
-    root = np.sqrt((1.0 - 4.0 * np.where(np.abs(shape - 0.25) < 1e-9, 0.25 - 1e-9, shape)).astype(complex))
-    slow, fast = (0.5 * lag * (1.0 + root))[:, np.newaxis], (0.5 * lag * (1.0 - root))[:, np.newaxis]
-    after = np.maximum(time, 0.0)
-    response = 1.0 - (slow * np.exp(-after / slow) - fast * np.exp(-after / fast)) / (slow - fast)
-    return np.ascontiguousarray(response.real)
+    inside = 1.0 - 4.0 * np.where(np.abs(shape - 0.25) < 1e-9, 0.25 - 1e-9, shape)
+    after, response = np.maximum(time, 0.0), np.empty(time.shape)
+    for some, root in ((inside > 0.0, np.sqrt(np.abs(inside))), (inside < 0.0, np.sqrt(inside.astype(complex)))):
+        half = 0.5 * lag[some, np.newaxis]
+        slow, fast = half * (1.0 + root[some, np.newaxis]), half * (1.0 - root[some, np.newaxis])
+        swings = slow * np.exp(after[some] / -slow) - fast * np.exp(after[some] / -fast)
+        response[some] = 1.0 - (swings / (slow - fast)).real
+    return response

@@ -17,12 +17,17 @@ from fopid_core.model.arrays import Floats
 
 _HALF, _MOST_STAGES = 0.5, 60
 """After a stage the particles count as this share of as many independent ones."""
-_MOVES, _LAST_MOVES = 2, 6
+_MOVES, _LAST_MOVES = 3, 10
+_ANEW = 0.3
+"""As many of the moves draw some numbers anew, where the caller knows how."""
+
+Redrawn = Callable[[Floats, np.random.Generator], tuple[Floats, Floats]]
+"""Others in the place of particles, and the logarithm of how much likelier the way back is than that there."""
 
 
 def sample(
     log_first: Callable[[Floats], Floats], log_last: Callable[[Floats], Floats], begin: Floats, m: int,
-    random: np.random.Generator,
+    random: np.random.Generator, redrawn: Redrawn | None = None,
 ) -> Floats:  # fmt: skip
     """From particles of one density, at least m, shape (M, k), to m of another: sequential Monte Carlo.
 
@@ -42,10 +47,13 @@ def sample(
             length = random.choice([1.0, 2.38 / math.sqrt(2.0 * k)], (m, 1), p=[0.1, 0.9])
             length = length * random.uniform(0.3, 1.2, (m, 1))
             some = random.uniform(size=(m, k)) < random.choice([0.3, 1.0], (m, 1))
-            tried = now + length * (others[0] - others[1]) * some
+            tried, back = now + length * (others[0] - others[1]) * some, np.zeros(m)
+            if redrawn is not None:
+                anew = random.uniform(size=m) < _ANEW
+                tried[anew], back[anew] = redrawn(now[anew], random)
             first_tried, last_tried = log_first(tried), log_last(tried)
             tempered = last_tried if share == 1.0 else (1.0 - share) * first_tried + share * last_tried
-            taken = np.log(random.uniform(size=m)) < tempered - (1.0 - share) * first - share * last
+            taken = np.log(random.uniform(size=m)) < back + tempered - (1.0 - share) * first - share * last
             now = np.where(taken[:, np.newaxis], tried, now)
             first, last = np.where(taken, first_tried, first), np.where(taken, last_tried, last)
         if share == 1.0:
