@@ -7,7 +7,6 @@ from dataclasses import replace as with_other
 import numpy as np
 import pytest
 
-from fopid_core.design.identification.record import Record
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
@@ -17,7 +16,7 @@ from fopid_core.study.replay import MOST_SAMPLES, evenly, figures, replay
 from fopid_core.study.replayed_loop import grown_steps, simulated
 
 from .days import PROCESS, H, day
-from .replay_campaign import SAMPLES, Foreign
+from .replay_campaign import SAMPLES, Foreign, without
 
 RAN = Fopid(0.4, 0.4)
 
@@ -135,10 +134,8 @@ def test_samples_that_are_lost_widen_the_bands_and_leave_the_ticks_where_they_ar
     plant = Foreign(seed)
     whole = plant.run(plant.running, SAMPLES)
     other = plant.run(plant.wanted, SAMPLES, float(whole.control[0]))
-    there = np.random.default_rng(seed).random(SAMPLES) > 0.03
-    there[[0, -1]] = True
-    rows = {name: getattr(whole, name)[there] for name in ("time", "control", "measurement", "setpoint")}
-    record = Record(**rows)
+    record = without(whole, 0.03, seed)
+    there = np.isin(whole.time, record.time)
     assert evenly(record).time == pytest.approx(whole.time)
     assert evenly(record).control[there] == pytest.approx(whole.control[there])
     found = replay(record, ControllerSettings(plant.wanted), seed=seed)
