@@ -31,7 +31,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import fdtri
 
-from fopid_core.design.identification.excitation import LEAST_SHARE, external_share
+from fopid_core.design.identification.feedback import moved_from_outside
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
 from fopid_core.design.identification.response import InitialCondition
 from fopid_core.design.sampled_loop import sampled_process
@@ -181,7 +181,7 @@ def _unfit(records: Sequence[Record], pieces: Sequence[Record]) -> str:
         even = np.linspace(piece.time[0], piece.time[-1], piece.time.size)
         if np.abs(piece.time - even).max() > _UNEVEN * piece.sample_time:
             return "the samples are uneven"
-    if all(external_share(record, InitialCondition(step=True)) < LEAST_SHARE for record in records):
+    if not any(moved_from_outside(record, InitialCondition(step=True)) for record in records):
         return "the control only answers the measurement"
     return ""
 

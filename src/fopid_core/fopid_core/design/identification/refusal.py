@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from fopid_core.design.identification.excitation import LEAST_SHARE, MOST_MISSED, external_share, missed_share
+from fopid_core.design.identification.excitation import MOST_MISSED, missed_share
+from fopid_core.design.identification.feedback import moved_from_outside
 from fopid_core.design.identification.identified_model import MOST_DEVIATION, SHORTEST, IdentifiedModel
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition
@@ -52,7 +53,7 @@ def refusal_before(record: Record) -> str:
 
 def refusal_of_feedback(record: Record, start: InitialCondition) -> str:
     """Why nothing can be learnt where nothing moved the loop from outside; empty where something did."""
-    return _FEEDBACK if external_share(record, start) < LEAST_SHARE else ""
+    return "" if moved_from_outside(record, start) else _FEEDBACK
 
 
 def refusal_of(record: Record, best: IdentifiedModel, noise: float) -> str:
