@@ -16,6 +16,7 @@ import numpy as np
 
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.identification.record import REGULAR, Record
+from fopid_core.design.identification.refusal import refusal_of_feedback
 from fopid_core.design.recorded_tuning import tune_recorded
 from fopid_core.design.response_verification import held_to_record
 from fopid_core.design.robust_verification import RobustLimits, Robustness, behind_hold, robustness
@@ -153,7 +154,7 @@ def replay(
     if even.setpoint is None:
         raise InputError("record without a setpoint; allowed: one with a setpoint, which the loop would have followed")
     asked = replace(limits or RobustLimits(), samples=draws, seed=seed)
-    learnt = learn(even, TEMPLATE, draws, seed)
+    learnt = _refused(learn(even, TEMPLATE, draws, seed), record)
     chosen, told = _accepted(learnt, settings, tuned, asked, even)
     lost = missing(record, even.time)
     day = _day(learnt, chosen, even, lost, asked) if chosen else None
@@ -167,6 +168,15 @@ def replay(
 
 _Day = tuple[Figures | None, Figures | None, Figures | None, Band | None, Band | None, float]
 _NO_DAY: _Day = (None, None, None, None, None, 0.0)
+
+
+def _refused(learnt: Learnt, record: Record) -> Learnt:
+    """What was learnt at even instants, unless the record as it came shows the controller: lines hide that."""
+    best = learnt.identified.best
+    nothing = refusal_of_feedback(record, best.start) if best else ""
+    if not (nothing and learnt.identified.success):
+        return learnt
+    return replace(learnt, identified=replace(learnt.identified, success=False, message=nothing))
 
 
 def _accepted(
