@@ -87,14 +87,17 @@ def test_what_was_moved_is_learnt_from_however_it_was_recorded(kind: str, fault:
 
 @pytest.mark.slow
 def test_most_of_all_records_are_told_apart() -> None:
-    """Without those of a control told too early, which no law of the past explains; each fault on each kind."""
+    """Without those of a control told too early, which no law of the past explains; each fault on each kind.
+
+    Of 240 records 7 were not, 3 %: the bound is two deviations of the 160 here beyond that.
+    """
     wrong = {
         kinds: [
             (kind, fault, seed) for kind in kinds for fault in FAULTS for seed in range(20, 22)
             if fault != "early" and _moved(made(kind, fault, seed)[0]) == (kinds == AT_REST)
         ] for kinds in (AT_REST, MOVED)
     }  # fmt: skip
-    assert len(wrong[AT_REST]) < 0.03 * 2 * len(AT_REST) * len(FAULTS), wrong[AT_REST]
+    assert len(wrong[AT_REST]) < 0.06 * 2 * len(AT_REST) * len(FAULTS), wrong[AT_REST]
     assert len(wrong[MOVED]) < 0.08 * 2 * len(MOVED) * len(FAULTS), wrong[MOVED]
 
 

@@ -37,11 +37,11 @@ _FEW_STEPS = 10.0
 """A measurement that moves by fewer steps of its quantisation shows no answer."""
 _FEW_LEVELS, _DIGITS, _WHOLE = 8, 6, 1e-6
 """A control of so few levels is moved by hand and not rounded; a number of more digits is not rounded either."""
-_JUMP, _FAR = 1.5, 3.0
+_JUMP, _FAR = 1.5, 10.0
 """A step from rest in the first instant is larger by this than all moves after it, but no further than this from where
 the control then is."""
-_PIECES, _FASTEST = 100, 0.94
-"""In the first of so many pieces the measurement is then not yet as fast as this share of what it will be."""
+_PIECES, _FASTEST = (100, 500), 0.94
+"""In the first of so many pieces, or of more, the measurement is not yet as fast as this share of what it will be."""
 _SETPOINT = 0.1
 """A setpoint that moves by this share of what the measurement does moves the loop."""
 
@@ -123,11 +123,12 @@ def _steps_at_once(record: Record, start: InitialCondition) -> bool:
     jump = 0.0 if start.step else abs(record.control[0] - start.before)
     if jump <= max(_JUMP * moves.max(), _STANDS_OUT * _usual(moves)) or jump > _FAR * np.ptp(record.control):
         return False
-    over = max(time.size // _PIECES, 1)
-    went = np.abs(measurement[over:] - measurement[:-over])
-    speed = went / (time[over:] - time[:-over])
-    seen = went.max() > _STANDS_OUT * _usual(np.diff(measurement))
-    return bool(seen and speed[0] < _FASTEST * speed.max())
+    for over in (max(time.size // pieces, 1) for pieces in _PIECES):
+        went = np.abs(measurement[over:] - measurement[:-over])
+        speed = went / (time[over:] - time[:-over])
+        if went.max() > _STANDS_OUT * _usual(np.diff(measurement)) and speed[0] < _FASTEST * speed.max():
+            return True
+    return False
 
 
 def _beyond(law: Floats, columns: Floats, target: Floats, limited: Booleans, free: Booleans) -> Floats:
