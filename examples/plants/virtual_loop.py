@@ -17,7 +17,7 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.controller import ControllerSettings, FopidController
 from fopid_ros.tuner.controller_client import RunningDesign
-from fopid_ros.tuner.learning.history import SIGNALS, History
+from fopid_ros.tuner.learning.history import EXCITATION, SIGNALS, History
 from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.loop_wait import Stage
 
@@ -123,13 +123,16 @@ class VirtualLoop:
         self._hook = hook
 
     def inject(self, value: float) -> None:
+        if value != self.added:
+            self.history.add(EXCITATION, self.time, value)
         self.added = value
 
     def begin_injection(self) -> None:
         self.added = 0.0
 
     def end_injection(self) -> None:
-        self._hook, self.added = None, 0.0
+        self._hook = None
+        self.inject(0.0)
 
     # The controller's client.
 
