@@ -76,7 +76,7 @@ class Row:
         return f"{mean:.3g}{scatter}"
 
 
-def rows(name: str, seed: int = 1, until_known: bool = False) -> Iterator[Row]:
+def rows(name: str, seed: int = 1, until_known: bool = True) -> Iterator[Row]:
     """All that is compared on a plant but the best known, autotuning last."""
     exhibit = GALLERY[name]
     yield Row("start", judge(name, {}))
@@ -117,7 +117,7 @@ def _also(seen: Judgements, safe: bool) -> Judgements:
     return Judgements(tuple(replace(run, safe=run.safe and safe) for run in seen.runs))
 
 
-def autotuned(name: str, seed: int = 1, until_known: bool = False) -> Row:
+def autotuned(name: str, seed: int = 1, until_known: bool = True) -> Row:
     """With what the tuner makes of it; as it began, where that refuses."""
     exhibit = GALLERY[name]
     loop = VirtualLoop(exhibit, seed, longest=100.0 * exhibit.horizon)
@@ -169,7 +169,7 @@ def _beside(ours: Judgements, other: Judgements, figure: str) -> str:
     return ratio if apart else f"{ratio} (a tie)"
 
 
-def compared(name: str, seed: int = 1, until_known: bool = False) -> tuple[str, list[Row], float]:
+def compared(name: str, seed: int = 1, until_known: bool = True) -> tuple[str, list[Row], float]:
     """A plant's rows, and the processor time they took [s]."""
     began = time.process_time()
     return name, list(rows(name, seed, until_known)), time.process_time() - began
@@ -197,12 +197,12 @@ def main() -> int:
     parser.add_argument("plants", nargs="*", default=list(GALLERY))
     parser.add_argument("--out", type=Path)
     parser.add_argument("--seed", type=int, default=1, help="of the sensor's noise while autotuning")
-    parser.add_argument("--until-known", action="store_true", help="experiments end once enough is known")
+    parser.add_argument("--whole", action="store_true", help="experiments do not end once enough is known")
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     found: dict[str, Any] = {}
     with ProcessPoolExecutor(given.workers) as pool:
-        for name, seen, took in pool.map(compared, given.plants, repeat(given.seed), repeat(given.until_known)):
+        for name, seen, took in pool.map(compared, given.plants, repeat(given.seed), repeat(not given.whole)):
             found[name] = seen
             print(
                 *(row.line(name) for row in seen),

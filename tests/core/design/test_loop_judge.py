@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fopid_core.design.loop_judge import AHEAD, LoopJudge, RunningGains
+from fopid_core.design.loop_judge import AHEAD, AHEAD_IN_NOISE, LoopJudge, RunningGains
 from fopid_core.design.loop_worth import LoopWorth
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.indices import indices
@@ -72,7 +72,7 @@ def test_the_rule_that_leaves_least_after_a_load_is_the_mark(judge: LoopJudge) -
     judge.note_textbook(replace(RULE, load=0.6))
     judge.note_textbook(replace(RULE, load=0.1, ms=2.3))
     assert judge.textbook == RULE, "neither more error nor a rule beyond the limit on max |S|"
-    assert judge.noise_gain_aim == pytest.approx(AHEAD * RULE.noise_gain)
+    assert judge.noise_gain_aim == pytest.approx(AHEAD_IN_NOISE * RULE.noise_gain)
 
 
 def test_quiet_never_costs_more_load_than_the_rule_leaves(judge: LoopJudge) -> None:

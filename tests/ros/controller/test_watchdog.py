@@ -55,9 +55,9 @@ def test_of_the_measurements_between_two_ticks_the_newest_good_one_counts_and_al
     fed.wait(lambda state: state.measurement == 0.1)
     fed.sensor = None
     for value in (0.2, math.nan, 0.3, math.nan):
-        fed.publishers["measurement"].publish(ScalarStamped(value=value))
         if value == 0.3:
             sent = time.time_ns()
+        fed.publishers["measurement"].publish(ScalarStamped(value=value))
         graph.spin(0.02)
     state = fed.wait(lambda state: state.measurement != 0.1)
     assert state.measurement == 0.3

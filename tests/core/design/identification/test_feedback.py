@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from fopid_core.design.identification.feedback import moved_from_outside
 from fopid_core.design.identification.identify import identify
@@ -142,3 +144,17 @@ def test_a_day_without_a_move_is_not_replayed_where_samples_are_missing(stepped:
         assert not found.success
         assert not found.identified.success
         assert ANSWERS in found.message
+
+
+@pytest.mark.parametrize("samples", [30, 60])
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_steps_by_hand_are_moves_from_outside_in_short_records_too(samples: int, noise: float) -> None:
+    """What comes a sample after such a step tells the step: that is no control which was told too early."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        time = np.arange(float(samples))
+        control = np.sum([time >= at for at in rng.integers(2, samples - 5, 4)], axis=0).astype(float)
+        pole = math.exp(-12.0 / samples)
+        measurement = lfilter([0.0, 2.0 * (1.0 - pole)], [1.0, -pole], control) + noise * rng.standard_normal(samples)
+        told = identify(Record(time, control, measurement), "foptd").message
+        assert ANSWERS not in told, (seed, told)

@@ -33,10 +33,13 @@ too small where the measurement is rounded."""
 _OWN, _OWN_ROUNDED = 0.8, 0.97
 """A control that is left by the measurement with more than this share of its surprises goes its own way: with more
 where either is rounded, since that hides an answer."""
+_HELD, _OWN_HELD = 0.5, 0.5
+"""A control that stands still so often, beyond its limits, is moved by hand: less of its surprises tells that."""
 _FEW_STEPS = 10.0
 """A measurement that moves by fewer steps of its quantisation shows no answer."""
 _FEW_LEVELS, _DIGITS, _WHOLE = 8, 6, 1e-6
-"""A control of so few levels is moved by hand and not rounded; a number of more digits is not rounded either."""
+"""A control of so few levels is moved by hand or by a relay, neither rounded nor limited; a number of more digits is
+not rounded either."""
 _JUMP, _FAR = 1.5, 10.0
 """A step from rest in the first instant is larger by this than all moves after it, but no further than this from where
 the control then is."""
@@ -96,7 +99,8 @@ def moved_from_outside(record: Record, start: InitialCondition) -> bool:
         return False
     step, unit = resolution(record.measurement), _unit(record.control)
     told = max(step, _unit(record.measurement))
-    goes_its_own_way = power > (_OWN_ROUNDED if unit or told else _OWN) * alone_power
+    holds = float(np.mean(own[free, 0] == own[free, 1])) > _HELD
+    goes_its_own_way = power > (_OWN_HELD if holds else _OWN_ROUNDED if unit or told else _OWN) * alone_power
     if goes_its_own_way:
         rounded = _ROUNDED * 0.5 * unit * (1.0 + float(np.abs(itself).sum()))
     else:
@@ -107,7 +111,7 @@ def moved_from_outside(record: Record, start: InitialCondition) -> bool:
         return False
     if largest > _STANDS_OUT * _usual(left):
         return True
-    return goes_its_own_way and not _answers_the_next(record, ends[free], memory)
+    return goes_its_own_way and (holds or not _answers_the_next(record, ends[free], memory))
 
 
 def _is_known_to_move(record: Record) -> bool:
@@ -147,8 +151,10 @@ def _answers_the_next(record: Record, ends: Indexes, memory: int) -> bool:
 
 
 def _at_a_limit(record: Record) -> Booleans:
-    """Where a control stays at its largest or its smallest value while the measurement moves."""
+    """Where a control of many values stays at its largest or its smallest while the measurement moves."""
     control = record.control
+    if np.unique(control).size <= _FEW_LEVELS:
+        return np.zeros(control.size, dtype=bool)
     extreme = (control == control.max()) | (control == control.min())
     stays = (np.diff(control) == 0.0) & extreme[1:]
     for begin, end in _runs(stays):
