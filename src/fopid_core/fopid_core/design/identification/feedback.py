@@ -40,9 +40,9 @@ _FEW_STEPS = 10.0
 _FEW_LEVELS, _DIGITS, _WHOLE = 8, 6, 1e-6
 """A control of so few levels is moved by hand or by a relay, neither rounded nor limited; a number of more digits is
 not rounded either."""
-_JUMP, _FAR = 1.5, 10.0
+_JUMP, _FAR, _BEYOND_NOISE = 1.1, 10.0, 5.0
 """A step from rest in the first instant is larger by this than all moves after it, but no further than this from where
-the control then is."""
+the control then is; and the measurement then moves by so many times its noise."""
 _PIECES, _FASTEST = (100, 500), 0.94
 """In the first of so many pieces, or of more, the measurement is not yet as fast as this share of what it will be."""
 _SETPOINT = 0.1
@@ -130,7 +130,7 @@ def _steps_at_once(record: Record, start: InitialCondition) -> bool:
     for over in (max(time.size // pieces, 1) for pieces in _PIECES):
         went = np.abs(measurement[over:] - measurement[:-over])
         speed = went / (time[over:] - time[:-over])
-        if went.max() > _STANDS_OUT * _usual(np.diff(measurement)) and speed[0] < _FASTEST * speed.max():
+        if went.max() > _BEYOND_NOISE * _usual(np.diff(measurement)) and speed[0] < _FASTEST * speed.max():
             return True
     return False
 
