@@ -77,7 +77,7 @@ class Heard:
     def __init__(self, setpoint: float = math.nan, begin_ns: int = 0, **changed: Any) -> None:
         self.node, self.counts, self.loop_ns = Alone(), TickCounts(), begin_ns
         types = dict.fromkeys(
-            ("setpoint", "measurement", "feedforward", "manual_control", "tracking"),
+            ("setpoint", "measurement", "feedforward", "manual_control", "tracking", "scheduling_variable"),
             SignalType("fopid_msgs/msg/ScalarStamped", "value"),
         )
         node: Any = self.node
@@ -153,6 +153,31 @@ def test_the_same_sample_again_is_as_old_as_it_was() -> None:
     assert heard.counts.backward_time_jumps == 0
     heard.measure(0.5, stamp=2.05)
     assert heard.inputs.measurement.received_ns == heard.loop_ns
+
+
+def test_a_sample_was_taken_when_its_stamp_says_or_else_when_it_came() -> None:
+    heard = Heard()
+    heard.at(2.0)
+    heard.measure(0.5, stamp=1.97)
+    assert heard.inputs.sampled_ns == round(1.97 * S)
+    heard.measure(math.nan, stamp=1.98)  # refused: the last good one counts
+    assert heard.inputs.sampled_ns == round(1.97 * S)
+    came = heard.at(2.02)
+    heard.measure(0.6)
+    assert heard.inputs.sampled_ns == came
+
+
+def test_gains_that_follow_a_variable_wait_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fopid_ros.controller.inputs.KeptSetpoint", lambda *_: None)
+    heard = Heard()
+    assert heard.inputs.scheduling.without == "the gains stay as they are"
+    heard.inputs.take(heard.inputs.setpoint, 1.0, 0)
+    heard.inputs.take(heard.inputs.measurement, 1.0, 0)
+    assert heard.inputs.unusable(0, "auto") == []
+    heard.inputs.listen(tracking=False, scheduling=True)
+    assert heard.inputs.unusable(0, "auto") == [heard.inputs.scheduling]
+    heard.inputs.take(heard.inputs.scheduling, 0.5, 0)
+    assert heard.inputs.unusable(0, "auto") == []
 
 
 def test_a_straggler_is_refused_once_and_a_clock_that_was_set_back_is_followed() -> None:

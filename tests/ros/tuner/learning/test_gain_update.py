@@ -122,6 +122,12 @@ def handover_of(
     return GainUpdate(loop, loop, loop, controller, criteria)
 
 
+def test_the_wait_knows_how_long_a_tick_is() -> None:
+    running = Running(lambda _: 1.0)
+    handover_of(running, sample_time=0.5)
+    assert running.sample_time == 0.5  # by which it tells a loop that stands still
+
+
 def handed_over(running: Running, learnt: IdentificationResult) -> tuple[GainUpdate, Outcome]:
     gain_update = handover_of(running)
     outcome = gain_update.design(learnt)
