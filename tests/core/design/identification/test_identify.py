@@ -325,3 +325,12 @@ def test_designs_on_noisy_records_meet_the_phase_margin_on_the_true_process(proc
         loop = Loop(true, controller)
         met += stability(loop).stable and abs(math.degrees(margins(loop).phase_margin) - 60.0) <= 5.0
     assert met >= 19
+
+
+@pytest.mark.parametrize("name", ["control", "measurement"])
+def test_signals_beyond_what_can_be_squared_are_refused_in_one_line(name: str) -> None:
+    time, signals = np.arange(100.0), {"control": np.ones(100), "measurement": np.arange(100.0)}
+    signals[name] = np.geomspace(1.0, 1e250, 100)
+    found = identify(Record(time, **signals))
+    assert not found.success
+    assert found.message == f"the {name} reaches 1e+250; allowed: up to 1e+100: leave out where the loop has diverged"

@@ -13,6 +13,8 @@ from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition
 from fopid_core.model.stability import process_stability
 
+LARGEST = 1e100
+"""Of the signals: squares of larger ones are no numbers any more."""
 LEAST_FIT = 80.0
 """Below this fit [%] the control explains too little of the measurement, unless the rest is white noise."""
 NOISES, MISSED_IN_NOISE, LEAST_FIT_IN_NOISE = 1.5, 0.1, 50.0
@@ -38,6 +40,9 @@ _STABILISE = "stabilise the process first and record it in closed loop"
 def refusal_before(record: Record) -> str:
     """Why nothing can be learnt from a record, by its signals alone; empty where something can."""
     control, measurement = record.control, record.measurement
+    for name, values in (("control", control), ("measurement", measurement)):
+        if (largest := float(np.abs(values).max())) > LARGEST:
+            return f"the {name} reaches {largest:.3g}; allowed: up to {LARGEST:g}: leave out where the loop has diverged"
     if np.ptp(measurement) == 0.0:
         return f"the measurement stays at {measurement[0]:g}: move the control until it answers"
     if np.ptp(control) > 0.0 or record.control_before not in (None, control[0]):
