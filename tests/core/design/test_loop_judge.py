@@ -75,6 +75,13 @@ def test_the_rule_that_leaves_least_after_a_load_is_the_mark(judge: LoopJudge) -
     assert judge.noise_gain_aim == pytest.approx(AHEAD_IN_NOISE * RULE.noise_gain)
 
 
+def test_a_rule_that_hardly_moves_the_control_does_not_hold_designs_back(alone: LoopJudge) -> None:
+    for share, aim in ((0.1, 0.1), (0.5, 0.3)):  # of what is allowed
+        judge = copy.copy(alone)
+        judge.note_textbook(replace(RULE, noise_gain=share * alone.noise_gain_max))
+        assert judge.noise_gain_aim == pytest.approx(aim * alone.noise_gain_max)
+
+
 def test_quiet_never_costs_more_load_than_the_rule_leaves(judge: LoopJudge) -> None:
     lively = replace(RULE, load=AHEAD * RULE.load, noise_gain=judge.noise_gain_aim)
     for share in (0.5, 0.1, 0.01):

@@ -27,6 +27,8 @@ LOAD_WEIGHT = 2.0 / 3.0
 QUIET_WEIGHT, LEAST_SHARE = 0.2, 0.05
 """Half the movement is worth an eighth of the error, 2^-0.2, but no more load than is aimed at; below that share of
 what is aimed at nobody feels it."""
+HARDLY_MOVES = 0.1
+"""Share of the movement that is allowed below which no rule's is worth to be met."""
 AHEAD, AHEAD_IN_NOISE, SHORT_WEIGHT = 0.8, 0.6, 2.0
 """Of the rule of the textbooks with the least load error on the learnt process: the share of that error, and of its
 movement, that is aimed at, which is known less well; and how much more than other errors it counts to leave or to
@@ -82,14 +84,14 @@ class LoopJudge:
 
     def __init__(self, process: Process, sample_time: float, running: RunningGains, ms_max: float) -> None:
         self.process = _held_by(running, process, sample_time)
-        self._sample_time, self.running, self._ms_max = sample_time, running, ms_max
+        self.sample_time, self.running, self._ms_max = sample_time, running, ms_max
         self._judged: dict[Loop, LoopWorth] = {}
         self.crossover, self.noise_excess = 0.0, 0.0
         self.best: tuple[float, RobustTuning, TuningRequest] | None = None
-        self._runs = Loop(self.process, running.gains, running.filter, running.weights)
-        self._horizon = default_horizon(self._runs) if stability(self._runs).stable else None
-        old = noise_gain(self._runs, sample_time, running.spectrum) if self._horizon else 0.0
-        self.whiter = noise_gain(self._runs, sample_time) / old if running.spectrum and old else 1.0
+        self.runs = Loop(self.process, running.gains, running.filter, running.weights)
+        self._horizon = default_horizon(self.runs) if stability(self.runs).stable else None
+        old = noise_gain(self.runs, sample_time, running.spectrum) if self._horizon else 0.0
+        self.whiter = noise_gain(self.runs, sample_time) / old if running.spectrum and old else 1.0
         """How much more white noise would move the control of what runs: about so much more it may by a design that
         is made for white noise."""
         allowed = running.control_movement / running.noise if running.noise > 0.0 else math.inf
@@ -103,16 +105,16 @@ class LoopJudge:
         """Over the time in which what runs settles; each loop is looked at once."""
         if loop not in self._judged:
             horizon = self._horizon or default_horizon(loop)
-            worth = loop_worth(loop, self._sample_time, horizon, self.running.spectrum)
+            worth = loop_worth(loop, self.sample_time, horizon, self.running.spectrum)
             if math.isinf(worth.load) and math.isfinite(worth.ms):  # unknown so long after the step
                 shorter = min(horizon, default_horizon(loop))
-                worth = loop_worth(loop, self._sample_time, shorter, self.running.spectrum)
+                worth = loop_worth(loop, self.sample_time, shorter, self.running.spectrum)
             self._judged[loop] = worth
         return self._judged[loop]
 
     def note_textbook(self, rule: LoopWorth) -> None:
         """Take a rule for what to beat, if it is within the limit on max |S| and leaves less error after a load."""
-        if rule.ms <= self._ms_max and rule.load < (self.textbook or self.worth(self._runs)).load:
+        if rule.ms <= self._ms_max and rule.load < (self.textbook or self.worth(self.runs)).load:
             self.textbook = rule
 
     def note_reach(self, found: Iterable[LoopWorth]) -> None:
@@ -134,15 +136,16 @@ class LoopJudge:
 
     @property
     def noise_gain_aim(self) -> float:
-        """What is allowed of the noise gain, and no more than the textbook needs."""
+        """What is allowed of the noise gain, and no more than the textbook needs, unless that hardly moves it."""
         if self.textbook is None or math.isinf(self.noise_gain_max):
             return self.noise_gain_max
-        return max(min(AHEAD_IN_NOISE * self.textbook.noise_gain, self.noise_gain_max), self._quietest)
+        aim = max(AHEAD_IN_NOISE * self.textbook.noise_gain, HARDLY_MOVES * self.noise_gain_max)
+        return max(min(aim, self.noise_gain_max), self._quietest)
 
     @property
     def load_scale(self) -> float:
         """What the error after a load step of 1 / gain is multiplied by to count as much as now the setpoint's does."""
-        old = self.worth(self._runs)
+        old = self.worth(self.runs)
         known = math.isfinite(old.setpoint) and 0.0 < old.load < math.inf
         return abs(process_gain(self.process)) * old.setpoint / old.load if known else 1.0
 
@@ -159,7 +162,7 @@ class LoopJudge:
 
     def not_better(self, new: LoopWorth) -> str:
         """Why what a design is worth is no more than what runs is, its movement in noise included."""
-        old = self.worth(self._runs)
+        old = self.worth(self.runs)
         if math.isinf(old.setpoint):
             return "" if math.isfinite(new.setpoint) else "its responses are not known"
         if old.ms > self._ms_max:  # what runs is not to be kept, however fast it is
@@ -180,7 +183,7 @@ class LoopJudge:
         """Why the limit on the control's moves forbids a loop; empty when it does not."""
         if self.control_rate is None:
             return ""
-        now = self._rate(self._runs) if self._horizon else 0.0
+        now = self._rate(self.runs) if self._horizon else 0.0
         most, rate = max(self.control_rate, now), self._rate(loop)
         if rate <= most * (1.0 + _ROUNDING):
             return ""
@@ -189,7 +192,7 @@ class LoopJudge:
     def _rate(self, loop: Loop) -> float:
         """Infinite for a loop whose response is not known."""
         try:
-            return control_rate(loop, self._sample_time, self._horizon or default_horizon(loop))
+            return control_rate(loop, self.sample_time, self._horizon or default_horizon(loop))
         except InputError:
             return math.inf
 
@@ -217,7 +220,7 @@ class LoopJudge:
 
     def errors(self, new: LoopWorth) -> float:
         """Both indices beside those of the running gains; below 1 is better."""
-        old = self.worth(self._runs)
+        old = self.worth(self.runs)
         if math.isinf(old.setpoint):
             return new.load
         return float((new.load / old.load) ** LOAD_WEIGHT * (new.setpoint / old.setpoint) ** (1.0 - LOAD_WEIGHT))
@@ -230,7 +233,7 @@ class LoopJudge:
     def _pair(self, tuned: RobustTuning) -> tuple[LoopWorth, LoopWorth]:
         if tuned.tuning is None or tuned.tuning.controller is None:
             raise InputError("a tuning without gains; allowed: one that succeeded")
-        return self.worth(loop_of(self.process, tuned.tuning)), self.worth(self._runs)
+        return self.worth(loop_of(self.process, tuned.tuning)), self.worth(self.runs)
 
 
 def _held_by(running: RunningGains, process: Process, sample_time: float) -> Process:
