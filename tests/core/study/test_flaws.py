@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fopid_core.design.identification.flaws import Flaws, joined
 from fopid_core.design.identification.record import Record
 from fopid_core.study.flaw_search import learn
-from fopid_core.study.flaws import Flaws, joined
 
 from .replay_campaign import SAMPLES, Foreign
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fopid_core.design.dead_band_trial import DeadBandTrial
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.loop_judge import LoopJudge, RunningGains, loop_of
 from fopid_core.design.loop_worth import LoopWorth
@@ -141,7 +142,7 @@ def improve(
     if not identified.success or identified.best is None:
         return Improvement(False, identified.message, tune_robustly(identified, request, limits, clock))
     judge = LoopJudge(identified.best.process, request.sample_time, running, limits.ms_max)
-    trial = _Trial(identified, limits, refuse, clock, judge, tell, [])
+    trial = _Trial(identified, limits, _and_its_dead_band(refuse, identified, judge), clock, judge, tell, [])
     promising = _promising(identified, request, judge, tell) if compare or every else []
     fit = [one for one in promising if not one.refusal] if compare else []
     for one in fit[:MOST_VERIFIED]:
@@ -166,6 +167,16 @@ def improve(
     parts = [tuned.message, judge.told(tuned, wanted.rule or wanted.method)]
     parts += [UNSEEN_END] * bool(_box(identified, judge)) + [RUNS_AWAY] * identified.best.structure.runs_away
     return Improvement(True, "; ".join(parts), tuned, candidates)
+
+
+def _and_its_dead_band(
+    refuse: Callable[[TuningResult], str], identified: IdentificationResult, judge: LoopJudge
+) -> Callable[[TuningResult], str]:
+    """The same, and what the actuator's dead band makes of a design, where it has one."""
+    if not identified.flaws.dead_band:
+        return refuse
+    tried = DeadBandTrial(judge.process, identified.flaws, judge.sample_time, judge.running.noise, judge.runs)
+    return lambda tuning: refuse(tuning) or tried.refusal(loop_of(judge.process, tuning))
 
 
 @dataclass(frozen=True)

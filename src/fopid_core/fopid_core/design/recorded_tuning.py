@@ -229,7 +229,9 @@ def tune_recorded(
     taken = {name: value for name, value in own.items() if name not in given}
     request = TuningRequest(best.process, method, **{**own, **given})
     doubt, contradicted = (
-        held_to_record(record, best, limits.ms_max, request.sample_time) if judges else ("", no_objection)
+        held_to_record(identified.flaws.of_record(record), best, limits.ms_max, request.sample_time)
+        if judges
+        else ("", no_objection)
     )
 
     def refused(tuning: TuningResult) -> str:

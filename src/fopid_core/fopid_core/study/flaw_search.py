@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import fftconvolve
 
+from fopid_core.design.identification.flaws import Flaws, joined
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import Record
 from fopid_core.model.arrays import Floats
 from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.plant import PlantSettings
-from fopid_core.study.flaws import Flaws, joined
 from fopid_core.study.possible import Possible, drawn
 from fopid_core.study.white_fit import WhiteFit, behind
 

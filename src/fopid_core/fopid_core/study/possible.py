@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
+from fopid_core.design.identification.flaws import Flaws, joined
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition
 from fopid_core.model.arrays import Floats, Indexes
 from fopid_core.model.process import Process
-from fopid_core.study.flaws import Flaws, joined
 from fopid_core.study.sequential_sampling import sample
 
 PARTICLES, _FIRST = 320, 8

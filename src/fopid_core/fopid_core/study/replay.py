@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.identification.record import REGULAR, Record
 from fopid_core.design.identification.refusal import refusal_of_feedback
@@ -27,7 +28,6 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import NO_FILTER
 from fopid_core.runtime.settings import ControllerSettings
 from fopid_core.study.flaw_search import Learnt, learn
-from fopid_core.study.flaws import Flaws
 from fopid_core.study.replayed_loop import grown_steps, simulated, what_was_missed
 
 DRAWS = 40

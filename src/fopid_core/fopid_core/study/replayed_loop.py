@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import fftconvolve
 
+from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.record import Record
 from fopid_core.model.arrays import Floats
@@ -16,7 +17,6 @@ from fopid_core.runtime.controller_bank import ControllerBank
 from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.plant import PlantSettings
 from fopid_core.runtime.settings import ControllerSettings
-from fopid_core.study.flaws import Flaws
 
 KNOTS = 12
 """Of the step response by which the residual of a model is explained."""

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fopid_core.design.identification.coloured_noise import fit_in_coloured_noise
+from fopid_core.design.identification.dead_band import dead_band_of
 from fopid_core.design.identification.fit import Fit, fit
+from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identified_model import IdentifiedModel, judged
 from fopid_core.design.identification.initial_estimates import initial_conditions, initial_parameters, rough_fit
 from fopid_core.design.identification.quality import fit_pct
@@ -49,6 +51,8 @@ to the second where the best template may be used: a record that shows a templat
 MATTERS = 0.1
 """A residual that is not white, but of smaller correlation, leaves a richer model 5 % of its size to explain."""
 _ROUGH, _COARSE = 256, 512
+_ROUNDS = 3
+"""So often a dead band is looked for, each time beside the process that was learnt behind the last."""
 _FIRST_LOOK = 12
 """So many evaluations tell which start is worth going on from."""
 
@@ -69,6 +73,8 @@ class IdentificationResult:
         The simplest of those that fit best; None where none could be fitted.
     elapsed : float
         [s]
+    flaws : Flaws
+        Of the actuator: a dead band that the record speaks for. The models are of the process behind it.
     """
 
     success: bool
@@ -76,6 +82,7 @@ class IdentificationResult:
     models: tuple[IdentifiedModel, ...]
     best: IdentifiedModel | None
     elapsed: float
+    flaws: Flaws = field(default_factory=Flaws)
 
 
 def identify(
@@ -132,26 +139,75 @@ def identify(
     nothing = refusal_of_feedback(record, rough.response.start)
     if nothing:
         return IdentificationResult(False, nothing, (), None, clock() - begun)
-    models = _models(record, rough, structures)
-    if template == "all" and _miss_something(record, models, noise):
-        models += _models(record, rough, [structure_of(name) for name in RICHER])
-    best = _preferred(models)
-    runaways: tuple[IdentifiedModel, ...] = ()
-    if unstable and template == "all" and _may_run_away(record, best, noise):
-        runaways = _models(record, rough, list(UNSTABLE_STRUCTURES.values()))
-        best = _preferred(tuple(m for m in runaways if not refusal_of(record, m, noise)) or (best,))
-    if disturbances:
-        best = _in_any_noise(record, best, runaways, noise)
-    refusal = refusal_of(record, best, noise)
-    if refusal and runaways and _preferred(runaways).fit_pct > max(best.fit_pct, LEAST_FIT):
-        best = _preferred(runaways)  # it tells more of what is amiss
-        refusal = refusal_of(record, best, noise)
-    told = refusal or _told(best)
+    everything = template == "all"
+    found = _Search(structures, everything, noise, disturbances, everything and disturbances, unstable).of(
+        record, rough
+    )
+    told = found.refusal or _told(found.best, found.flaws)
     if record is not whole:
         told += (
             f"; of {whole.time.size} samples the {record.time.size} of the longest stretch without a break were used"
         )
-    return IdentificationResult(not refusal, told, models + runaways, best, clock() - begun)
+    return IdentificationResult(not found.refusal, told, found.models, found.best, clock() - begun, found.flaws)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Models of a record, the best of them, and why it may not be used, if it may not."""
+
+    models: tuple[IdentifiedModel, ...]
+    best: IdentifiedModel
+    refusal: str
+    flaws: Flaws = field(default_factory=Flaws)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """What is looked for in a record: with ``everything`` also what the structures asked for do not have."""
+
+    structures: list[Structure]
+    everything: bool
+    noise: float
+    disturbances: bool
+    dead_band: bool
+    unstable: bool
+
+    def of(self, record: Record, rough: Fit) -> _Found:
+        """Models of a record, from a rough one on."""
+        models, noise = _models(record, rough, self.structures), self.noise
+        if self.everything and _miss_something(record, models, noise):
+            models += _models(record, rough, [structure_of(name) for name in RICHER])
+        best = _preferred(models)
+        if self.dead_band and (behind := self._behind_dead_band(record, best)):
+            return behind
+        runaways: tuple[IdentifiedModel, ...] = ()
+        if self.everything and self.unstable and _may_run_away(record, best, noise):
+            runaways = _models(record, rough, list(UNSTABLE_STRUCTURES.values()))
+            best = _preferred(tuple(m for m in runaways if not refusal_of(record, m, noise)) or (best,))
+        if self.disturbances:
+            best = _in_any_noise(record, best, runaways, noise)
+        refusal = refusal_of(record, best, noise)
+        if refusal and runaways and _preferred(runaways).fit_pct > max(best.fit_pct, LEAST_FIT):
+            best = _preferred(runaways)  # it tells more of what is amiss
+            refusal = refusal_of(record, best, noise)
+        return _Found(models + runaways, best, refusal)
+
+    def _behind_dead_band(self, record: Record, best: IdentifiedModel) -> _Found | None:
+        """The same behind the dead band that a record speaks for; None where it speaks for none, or that is no use.
+
+        Beside the process that is learnt then, another may seem likelier.
+        """
+        found, linear = None, replace(self, dead_band=False)
+        for _ in range(_ROUNDS):
+            flaws = dead_band_of(record, best)
+            if flaws is None:
+                break
+            seen = flaws.of_record(record)
+            other = replace(linear.of(seen, rough_fit(seen, _ROUGH, loads=True)), flaws=flaws)
+            if found is not None and other.best.noise >= found.best.noise:
+                break
+            found, best = other, other.best
+        return None if found is None or found.refusal else found
 
 
 def refit(
@@ -177,8 +233,9 @@ def refit(
     return IdentificationResult(not refusal, refusal or _told(best), (best,), best, time.perf_counter() - begun)
 
 
-def _told(best: IdentifiedModel) -> str:
+def _told(best: IdentifiedModel, flaws: Flaws | None = None) -> str:
     told = f"{best.template} explains {best.fit_pct:.2f} % of the measurement on held-back samples"
+    told += f"; {flaws}" if flaws and str(flaws) else ""
     beside = [f"a drift of {best.ramp:.3g} per second"] * bool(best.ramp)
     beside += [f"a load that came after {instant:.3g} s" for instant in best.loads]
     told = f"{told}, beside {' and '.join(beside)} that was taken out" if beside else told

@@ -1,0 +1,128 @@
+"""An actuator's dead band is learnt where there is one, and nowhere else: plants stepped through in plain Python."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from fopid_core.design.dead_band_trial import DeadBandTrial
+from fopid_core.design.identification.flaws import Flaws
+from fopid_core.design.identification.identify import identify
+from fopid_core.design.identification.record import Record
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.indices import indices
+from fopid_core.model.loop import Loop
+from fopid_core.model.process import Process
+from fopid_core.model.response import step_response
+
+TICK, LAG, DELAY, GAIN = 1.0, 20.0, 5, 2.0
+LEVEL = 0.02
+"""Of the measurement's noise, a standard deviation."""
+
+Stem = Callable[[float, float], float]
+
+
+def play(half: float) -> Stem:
+    """Backlash: the stem is pushed by either side of a gap."""
+    return lambda control, stem: min(max(stem, control - half), control + half)
+
+
+def stick(size: float) -> Stem:
+    """Stiction by one parameter (Stenman 2003): it stays, or jumps to where it ought to be."""
+    return lambda control, stem: control if abs(control - stem) > size else stem
+
+
+def recorded(stem: Stem, seed: int, noise: str = "white", integrates: bool = False, count: int = 1500) -> Record:
+    """A loop under a PI, moved by steps at random: a lag (or an integrator) behind a delay, in exact steps."""
+    random = np.random.default_rng(seed)
+    added = np.repeat(random.choice([-0.5, 0.5], count // 15 + 1), 15)[:count]
+    white = random.standard_normal(count)
+    sensor = LEVEL * white
+    if noise == "slow":
+        for k in range(1, count):
+            sensor[k] = 0.95 * sensor[k - 1] + LEVEL * math.sqrt(1.0 - 0.95**2) * white[k]
+    if noise == "hum":
+        sensor += 2.0 * LEVEL * np.sin(0.7 * np.arange(count))
+    pole = 1.0 if integrates else math.exp(-TICK / LAG)
+    growth = GAIN * TICK / LAG if integrates else GAIN * (1.0 - pole)
+    load = 0.2 * (np.arange(count) > 0.6 * count) if noise == "load" else np.zeros(count)
+    controls, measured, waiting, place, state, integral = [], [], [0.0] * DELAY, 0.0, 0.0, 0.0
+    for k in range(count):
+        read = state + sensor[k]
+        if noise == "coarse":
+            read = 0.1 * round(read / 0.1)
+        integral -= 0.03 * read
+        control = integral - 0.6 * read + added[k]
+        controls.append(control)
+        measured.append(read)
+        place = stem(control, place)
+        waiting.append(place + load[k])
+        state = pole * state + growth * waiting.pop(0)
+    return Record(TICK * np.arange(count), np.array(controls), np.array(measured))
+
+
+@pytest.mark.parametrize("integrates", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_play_is_learnt_and_the_process_behind_it(seed: int, integrates: bool) -> None:
+    record = recorded(play(0.1), seed, integrates=integrates)
+    found = identify(record, noise=LEVEL)
+    assert found.success
+    assert found.flaws.dead_band == pytest.approx(0.1, rel=0.05)
+    assert found.flaws.slip == 0.0
+    assert "the actuator has play within 0." in found.message
+    w = 0.05
+    true = GAIN * np.exp(-1j * w * (DELAY + 0.5) * TICK) / (1j * w * LAG + (0.0 if integrates else 1.0))
+    assert found.best is not None
+    off = abs(found.best.process(1j * w) / true - 1.0)
+    taken_for_linear = identify(record, "foptd", noise=LEVEL).best
+    assert taken_for_linear is not None
+    assert off < 0.03 < 0.04 < abs(taken_for_linear.process(1j * w) / true - 1.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_stiction_is_told_from_play(seed: int) -> None:
+    found = identify(recorded(stick(0.15), seed), noise=LEVEL)
+    assert found.flaws.dead_band == pytest.approx(0.15, rel=0.02)
+    assert found.flaws.slip == 1.0
+    assert "the actuator sticks within 0.1" in found.message
+
+
+@pytest.mark.parametrize("noise", ["white", "slow", "hum", "coarse", "load"])
+@pytest.mark.parametrize("integrates", [False, True])
+def test_where_there_is_none_none_is_found(noise: str, integrates: bool) -> None:
+    for seed in range(3):
+        assert identify(recorded(lambda control, _: control, 100 + seed, noise, integrates)).flaws == Flaws()
+
+
+def test_a_template_that_was_asked_for_is_fitted_as_it_is() -> None:
+    assert identify(recorded(play(0.1), 0), "foptd").flaws == Flaws()
+
+
+def cycling(gains: Fopid, half: float, count: int = 2000) -> float:
+    """Largest error of the last fifth of a loop at rest on an integrator behind play, stepped through here."""
+    state, place, integral, seen = 1.0, 0.0, 0.0, []
+    for _ in range(count):
+        integral -= gains.ki * 0.1 * state
+        place = play(half)(integral - gains.kp * state, place)
+        state += 0.1 * place
+        seen.append(abs(state))
+    return max(seen[-count // 5 :])
+
+
+def load_error(loop: Loop) -> float:
+    response = step_response(loop, 100.0, "load")
+    return indices(response.time, response.error).iae
+
+
+def test_gains_that_cycle_wider_behind_play_than_those_that_run_are_refused() -> None:
+    process, flaws = Process.parse("1000/(1000s+1)"), Flaws(dead_band=0.1, slip=0.0)
+    runs, calm, lively = Fopid(kp=0.5, ki=0.05), Fopid(kp=1.0, ki=0.2), Fopid(kp=0.3, ki=0.3)
+    assert cycling(lively, 0.1) > 1.5 * cycling(runs, 0.1) > 1.5 * cycling(calm, 0.1)
+    trial = DeadBandTrial(process, flaws, 0.1, 0.0, Loop(process, runs))
+    linear = {gains: load_error(Loop(process, gains)) for gains in (runs, calm, lively)}
+    assert linear[lively] < 0.5 * linear[runs]  # as if there were no play it would be much better
+    assert trial.refusal(Loop(process, calm)) == ""
+    assert "behind an actuator that has play within 0.1 a load of" in trial.refusal(Loop(process, lively))
