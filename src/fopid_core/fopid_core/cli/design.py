@@ -47,7 +47,8 @@ def design_verb(
         found = identify(record)
         if found.best is None or not found.success:
             raise InputError(f"record {source!r}: {found.message}")
-        process, fit = found.best.process, fit_figure(found.best, record, frequency_response(record))
+        behind = found.behind_actuator(record)
+        process, fit = found.best.process, fit_figure(found.best, behind, frequency_response(behind))
         facts = {"fit_pct": found.best.fit_pct, "template": found.best.template, "message": found.message,
                  "rows_left_out": record.left_out}  # fmt: skip
         sample_time = record.sample_time if sample_time is None else sample_time

@@ -59,14 +59,15 @@ def identify_verb(
     signals = signals.part(first, last) if math.isfinite(first) or math.isfinite(last) else signals
     sensor = sensor_noise(signals)
     found = identify(signals, template, noise=sensor.level if sensor.at_rest else 0.0)
-    seen = frequency_response(signals)
+    behind = found.behind_actuator(signals)
+    seen = frequency_response(behind)
     if plot and found.best:
         from fopid_core.cli.plots import plot_fit
 
-        plot_fit(found.best, signals, plot, seen)
+        plot_fit(found.best, behind, plot, seen)
     models = [_rows(model) for model in found.models]
     best = found.best
-    doubt = doubt_of(signals, best) if found.success and best else ""
+    doubt = doubt_of(behind, best) if found.success and best else ""
     verdict = {
         "success": found.success,
         "message": "; ".join(told for told in (found.message, doubt) if told),

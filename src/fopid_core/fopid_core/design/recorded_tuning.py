@@ -218,7 +218,7 @@ def tune_recorded(
     level = noise.level if noise.at_rest else 0.0
     identified = identified or identify(record, template, clock, level)
     if judges and template == "all" and identified.success and identified.best is not None:
-        identified = runs_away_instead(record, identified.best, level) or identified
+        identified = runs_away_instead(identified.behind_actuator(record), identified.best, level) or identified
     best = identified.best
     if not identified.success or best is None:
         return RecordedTuning(False, identified.message, identified, noise)
@@ -229,7 +229,7 @@ def tune_recorded(
     taken = {name: value for name, value in own.items() if name not in given}
     request = TuningRequest(best.process, method, **{**own, **given})
     doubt, contradicted = (
-        held_to_record(identified.flaws.of_record(record), best, limits.ms_max, request.sample_time)
+        held_to_record(identified.behind_actuator(record), best, limits.ms_max, request.sample_time)
         if judges
         else ("", no_objection)
     )

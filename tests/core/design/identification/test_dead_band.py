@@ -12,6 +12,7 @@ from fopid_core.design.dead_band_trial import DeadBandTrial
 from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
+from fopid_core.design.recorded_tuning import tune_recorded
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.indices import indices
 from fopid_core.model.loop import Loop
@@ -95,6 +96,15 @@ def test_stiction_is_told_from_play(seed: int) -> None:
 def test_where_there_is_none_none_is_found(noise: str, integrates: bool) -> None:
     for seed in range(3):
         assert identify(recorded(lambda control, _: control, 100 + seed, noise, integrates)).flaws == Flaws()
+
+
+def test_gains_from_a_record_are_for_the_process_behind_the_play_and_that_is_said() -> None:
+    found = tune_recorded(recorded(play(0.1), 0), "frequency")
+    assert found.success
+    assert "the actuator has play within 0." in found.message
+    assert "without one" not in found.message  # what is seen without a model is seen behind the play, too
+    assert found.identified.best is not None
+    assert found.identified.best.parameters["T"] == pytest.approx(LAG, rel=0.05)
 
 
 def test_a_template_that_was_asked_for_is_fitted_as_it_is() -> None:

@@ -84,6 +84,10 @@ class IdentificationResult:
     elapsed: float
     flaws: Flaws = field(default_factory=Flaws)
 
+    def behind_actuator(self, record: Record) -> Record:
+        """A record as the process saw it: what the actuator let through of its control."""
+        return self.flaws.of_record(record) if self.flaws.dead_band else record
+
 
 def identify(
     record: Record, template: str = "all", clock: Clock = time.perf_counter, noise: float = 0.0, *,

@@ -43,7 +43,7 @@ def learnt(record: Record, name: str) -> dict[str, Any]:
     best = found.best
     picture, message = None, found.message
     if best is not None:
-        message = "; ".join(told for told in (message, doubt_of(record, best)) if told)
+        message = "; ".join(told for told in (message, doubt_of(found.behind_actuator(record), best)) if told)
         time, measured, simulated = best.simulated
         thin = slice(None, None, max(1, -(-time.size // POINTS)))
         even = np.linspace(time[0], time[-1], time[thin].size)

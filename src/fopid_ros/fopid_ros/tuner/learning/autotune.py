@@ -198,9 +198,8 @@ class Autotuner:
             told = f"nothing was changed: {wrong}; record longer or with larger moves of the control"
             return Outcome(message=told, model=found.best, models=found.models)
         every = self._request.propose_only
-        seen = found.flaws.of_record(record)
         return self._gain_update.design(
-            found, loop.sensor, loop.control_peak, loop.control_rate, every=every, record=seen
+            found, loop.sensor, loop.control_peak, loop.control_rate, every=every, record=record
         )
 
     def _settle(self) -> None:

@@ -217,7 +217,8 @@ class GainUpdate:
         wanted = replace(self._criteria.tuning, sample_time=self._controller.sample_time)
         limits, doubt, contradicted = self._criteria.limits, "", no_objection
         if record is not None and found.best is not None:
-            doubt, contradicted = held_to_record(record, found.best, limits.ms_max, wanted.sample_time)
+            behind = found.behind_actuator(record)
+            doubt, contradicted = held_to_record(behind, found.best, limits.ms_max, wanted.sample_time)
             tell(doubt) if doubt else None
         movement = self._criteria.noise_share * self._controller.control_range
         now = self._controller
@@ -229,8 +230,8 @@ class GainUpdate:
             lambda tuning: self._refused(tuning) or contradicted(tuning.controller, tuning.filter),
             every=every, tell=tell,
         )  # fmt: skip
-        if doubt:
-            improved = replace(improved, message=f"{doubt}; {improved.message}")
+        told = "; ".join(filter(None, (str(found.flaws), doubt, improved.message)))
+        improved = replace(improved, message=told)
         self._wait.report(Stage("verifying", 0.7, message=improved.message))
         outcome = Outcome(improved.success, improved.message, model=found.best, models=found.models,
                           candidates=improved.candidates, tuned=improved.tuned)  # fmt: skip
