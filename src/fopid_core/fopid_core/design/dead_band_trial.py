@@ -37,7 +37,7 @@ class DeadBandTrial:
     noise : float
         Standard deviation of the measurement's noise.
     running : Loop
-        What runs, on that process.
+        What runs.
 
     Examples
     --------

@@ -173,9 +173,9 @@ def _and_its_dead_band(
     refuse: Callable[[TuningResult], str], identified: IdentificationResult, judge: LoopJudge
 ) -> Callable[[TuningResult], str]:
     """The same, and what the actuator's dead band makes of a design, where it has one."""
-    if not identified.flaws.dead_band:
+    if not identified.flaws.dead_band or identified.best is None:
         return refuse
-    tried = DeadBandTrial(judge.process, identified.flaws, judge.sample_time, judge.running.noise, judge.runs)
+    tried = DeadBandTrial(identified.best.process, identified.flaws, judge.sample_time, judge.running.noise, judge.runs)
     return lambda tuning: refuse(tuning) or tried.refusal(loop_of(judge.process, tuning))
 
 

@@ -107,6 +107,12 @@ def test_gains_from_a_record_are_for_the_process_behind_the_play_and_that_is_sai
     assert found.identified.best.parameters["T"] == pytest.approx(LAG, rel=0.05)
 
 
+def test_a_control_that_stays_where_it_is_shows_none() -> None:
+    time = np.arange(200.0)
+    record = Record(time, np.ones(200), 1.0 - np.exp(-time / 20.0) + 0.1 * np.sin(0.1 * time))
+    assert identify(record).flaws == Flaws()
+
+
 def test_a_template_that_was_asked_for_is_fitted_as_it_is() -> None:
     assert identify(recorded(play(0.1), 0), "foptd").flaws == Flaws()
 

@@ -333,4 +333,4 @@ def test_signals_beyond_what_can_be_squared_are_refused_in_one_line(name: str) -
     signals[name] = np.geomspace(1.0, 1e250, 100)
     found = identify(Record(time, **signals))
     assert not found.success
-    assert found.message == f"the {name} reaches 1e+250; allowed: up to 1e+100: leave out where the loop has diverged"
+    assert found.message == f"the {name} reaches 1e+250; allowed: up to 1e+100; leave out where the loop diverged"

@@ -43,9 +43,9 @@ def dead_band_of(record: Record, learnt: IdentifiedModel) -> Flaws | None:
     learnt : IdentifiedModel
         From it, as if the actuator had none.
     """
-    if learnt.whiteness.white or learnt.fit_pct >= HARDLY_FITS or learnt.structure.runs_away:
-        return None
     whole = float(np.ptp(record.control))
+    if not whole or learnt.whiteness.white or learnt.fit_pct >= HARDLY_FITS or learnt.structure.runs_away:
+        return None
     bands = [(share * whole, slip) for slip, shares in SIZES.items() for share in shares.tolist()]
     looked = _behind(record, learnt, bands, *_FIRST_LOOK)
     tried = _behind(record, learnt, sorted(bands, key=lambda band: looked[band].error)[:PROMISING], *_CLOSER)

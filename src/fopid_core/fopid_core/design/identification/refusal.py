@@ -42,7 +42,7 @@ def refusal_before(record: Record) -> str:
     control, measurement = record.control, record.measurement
     for name, values in (("control", control), ("measurement", measurement)):
         if (largest := float(np.abs(values).max())) > LARGEST:
-            return f"the {name} reaches {largest:.3g}; allowed: up to {LARGEST:g}: leave out where the loop has diverged"
+            return f"the {name} reaches {largest:.3g}; allowed: up to {LARGEST:g}; leave out where the loop diverged"
     if np.ptp(measurement) == 0.0:
         return f"the measurement stays at {measurement[0]:g}: move the control until it answers"
     if np.ptp(control) > 0.0 or record.control_before not in (None, control[0]):
