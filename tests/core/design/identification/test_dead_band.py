@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fopid_core.design.dead_band_trial import DeadBandTrial
+from fopid_core.design.identification.drift import drift
 from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
@@ -36,7 +37,9 @@ def stick(size: float) -> Stem:
     return lambda control, stem: control if abs(control - stem) > size else stem
 
 
-def recorded(stem: Stem, seed: int, noise: str = "white", integrates: bool = False, count: int = 1500) -> Record:
+def recorded(
+    stem: Stem, seed: int, noise: str = "white", integrates: bool = False, count: int = 1500, gain: float = GAIN
+) -> Record:
     """A loop under a PI, moved by steps at random: a lag (or an integrator) behind a delay, in exact steps."""
     random = np.random.default_rng(seed)
     added = np.repeat(random.choice([-0.5, 0.5], count // 15 + 1), 15)[:count]
@@ -48,7 +51,7 @@ def recorded(stem: Stem, seed: int, noise: str = "white", integrates: bool = Fal
     if noise == "hum":
         sensor += 2.0 * LEVEL * np.sin(0.7 * np.arange(count))
     pole = 1.0 if integrates else math.exp(-TICK / LAG)
-    growth = GAIN * TICK / LAG if integrates else GAIN * (1.0 - pole)
+    growth = gain * TICK / LAG if integrates else gain * (1.0 - pole)
     load = 0.2 * (np.arange(count) > 0.6 * count) if noise == "load" else np.zeros(count)
     controls, measured, waiting, place, state, integral = [], [], [0.0] * DELAY, 0.0, 0.0, 0.0
     for k in range(count):
@@ -105,6 +108,19 @@ def test_gains_from_a_record_are_for_the_process_behind_the_play_and_that_is_sai
     assert "without one" not in found.message  # what is seen without a model is seen behind the play, too
     assert found.identified.best is not None
     assert found.identified.best.parameters["T"] == pytest.approx(LAG, rel=0.05)
+
+
+def test_a_process_is_judged_anew_behind_the_same_play() -> None:
+    model = identify(recorded(play(0.1), 0), noise=LEVEL).best
+    assert model is not None
+    assert model.flaws.dead_band == pytest.approx(0.1, rel=0.05)
+    assert drift(model, recorded(play(0.1), 1)).drifted is False
+    changed = drift(model, recorded(play(0.1), 2, gain=1.4 * GAIN))
+    assert changed.drifted
+    assert changed.proposal is not None
+    assert changed.proposal.best is not None
+    assert changed.proposal.best.parameters["K"] == pytest.approx(1.4 * GAIN, rel=0.05)
+    assert changed.proposal.flaws == model.flaws
 
 
 def test_a_control_that_stays_where_it_is_shows_none() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,6 +60,7 @@ def model_residual(model: IdentifiedModel, record: Record, loads: tuple[float, .
 
     Steps of a load that came at some instants [s after the first] are no fault of the model.
     """
+    record = model.flaws.of_record(record)
     structure, x, gains = model.structure, model.numbers, model.gains
     start = InitialCondition(float(record.control[0]), step=True, free=True, ramp=True, loads=loads)
     response = response_to(record, structure, start)
@@ -97,7 +98,7 @@ def drift(
     explained = max(WORSE * before, _MATERIAL * spread)
     if error <= explained:
         return Drift(False, error, before, fit, None, f"the model still explains {fit:.1f} % of the measurement")
-    proposal = identify(record, template or model.template, clock)
+    proposal = _behind(model, identify(model.flaws.of_record(record), template or model.template, clock))
     told = f"the model explains {fit:.1f} % of the measurement now, error {error:.3g} against {before:.3g} before"
     if not proposal.success or proposal.best is None:
         return Drift(None, error, before, fit, None, f"{told}; nothing could be learnt anew: {proposal.message}")
@@ -109,6 +110,14 @@ def drift(
         waiting = "another explains more, but not enough: the process may have changed within the record"
         return Drift(True, error, before, fit, None, f"{told}; {waiting}")
     return Drift(True, error, before, fit, proposal, f"{told}; learnt anew: {proposal.message}")
+
+
+def _behind(model: IdentifiedModel, learnt: IdentificationResult) -> IdentificationResult:
+    """What was learnt behind the same actuator."""
+    if learnt.best is None:
+        return learnt
+    best = replace(learnt.best, flaws=model.flaws)
+    return replace(learnt, best=best, models=tuple(best if one is learnt.best else one for one in learnt.models))
 
 
 def _beside_loads(

@@ -10,6 +10,7 @@ import numpy as np
 
 from fopid_core.design.defaults import PHASE_MARGIN, gain_sign, natural_crossover
 from fopid_core.design.identification.fit import Fit
+from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.quality import (
     Whiteness,
     covariance,
@@ -54,6 +55,8 @@ class IdentifiedModel:
     crossover, deviation : float
         About where a controller would work [rad/s], and the standard deviation of the process there, as a share of
         its size.
+    flaws : Flaws
+        Of the actuator before the process: a dead band that the record speaks for.
     """
 
     template: str
@@ -72,6 +75,7 @@ class IdentifiedModel:
     _drawn: dict[tuple[int, int], tuple[Process, ...]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
+    flaws: Flaws = field(default_factory=Flaws, kw_only=True)
 
     @property
     def structure(self) -> Structure:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,8 +73,6 @@ class IdentificationResult:
         The simplest of those that fit best; None where none could be fitted.
     elapsed : float
         [s]
-    flaws : Flaws
-        Of the actuator: a dead band that the record speaks for. The models are of the process behind it.
     """
 
     success: bool
@@ -82,7 +80,11 @@ class IdentificationResult:
     models: tuple[IdentifiedModel, ...]
     best: IdentifiedModel | None
     elapsed: float
-    flaws: Flaws = field(default_factory=Flaws)
+
+    @property
+    def flaws(self) -> Flaws:
+        """Of the actuator: a dead band that the record speaks for. The models are of the process behind it."""
+        return self.best.flaws if self.best else Flaws()
 
     def behind_actuator(self, record: Record) -> Record:
         """A record as the process saw it: what the actuator let through of its control."""
@@ -147,12 +149,12 @@ def identify(
     found = _Search(structures, everything, noise, disturbances, everything and disturbances, unstable).of(
         record, rough
     )
-    told = found.refusal or _told(found.best, found.flaws)
+    told = found.refusal or _told(found.best)
     if record is not whole:
         told += (
             f"; of {whole.time.size} samples the {record.time.size} of the longest stretch without a break were used"
         )
-    return IdentificationResult(not found.refusal, told, found.models, found.best, clock() - begun, found.flaws)
+    return IdentificationResult(not found.refusal, told, found.models, found.best, clock() - begun)
 
 
 @dataclass(frozen=True)
@@ -162,7 +164,11 @@ class _Found:
     models: tuple[IdentifiedModel, ...]
     best: IdentifiedModel
     refusal: str
-    flaws: Flaws = field(default_factory=Flaws)
+
+    def behind(self, flaws: Flaws) -> _Found:
+        """The same of a process behind an actuator."""
+        known = {id(model): replace(model, flaws=flaws) for model in (*self.models, self.best)}
+        return _Found(tuple(known[id(model)] for model in self.models), known[id(self.best)], self.refusal)
 
 
 @dataclass(frozen=True)
@@ -207,7 +213,7 @@ class _Search:
             if flaws is None:
                 break
             seen = flaws.of_record(record)
-            other = replace(linear.of(seen, rough_fit(seen, _ROUGH, loads=True)), flaws=flaws)
+            other = linear.of(seen, rough_fit(seen, _ROUGH, loads=True)).behind(flaws)
             if found is not None and other.best.noise >= found.best.noise:
                 break
             found, best = other, other.best
@@ -237,9 +243,9 @@ def refit(
     return IdentificationResult(not refusal, refusal or _told(best), (best,), best, time.perf_counter() - begun)
 
 
-def _told(best: IdentifiedModel, flaws: Flaws | None = None) -> str:
+def _told(best: IdentifiedModel) -> str:
     told = f"{best.template} explains {best.fit_pct:.2f} % of the measurement on held-back samples"
-    told += f"; {flaws}" if flaws and str(flaws) else ""
+    told += f"; {best.flaws}" if str(best.flaws) else ""
     beside = [f"a drift of {best.ramp:.3g} per second"] * bool(best.ramp)
     beside += [f"a load that came after {instant:.3g} s" for instant in best.loads]
     told = f"{told}, beside {' and '.join(beside)} that was taken out" if beside else told
