@@ -86,6 +86,14 @@ def test_play_is_learnt_and_the_process_behind_it(seed: int, integrates: bool) -
     assert off < 0.03 < 0.04 < abs(taken_for_linear.process(1j * w) / true - 1.0)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("count", "expected"), [(8000, 0.1), (9000, 0.0)])
+def test_long_records_show_it_as_well_unless_they_are_averaged(count: int, expected: float) -> None:
+    found = identify(recorded(play(0.1), 3, count=count), noise=LEVEL)
+    assert found.success
+    assert found.flaws.dead_band == pytest.approx(expected, rel=0.05)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_stiction_is_told_from_play(seed: int) -> None:
     found = identify(recorded(stick(0.15), seed), noise=LEVEL)
