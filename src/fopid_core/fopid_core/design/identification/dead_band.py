@@ -7,9 +7,7 @@ linear part is fitted to that as to any control. How well it fits then says whic
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 
@@ -19,7 +17,6 @@ from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.quality import correlation_time
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import MOST_CELLS, RecordResponse
-from fopid_core.model.arrays import Floats
 
 STICKS, HAS_PLAY = 1.0, 0.0
 SIZES = {STICKS: np.geomspace(0.01, 0.3, 240), HAS_PLAY: np.geomspace(0.01, 0.3, 60)}
@@ -35,7 +32,6 @@ HARDLY_FITS = 99.8
 """A model that explains so much [%] leaves no room for one."""
 MOST_SAMPLES = MOST_CELLS
 """In longer records, whose samples are averaged to be fitted, none is looked for: averages hide by what it is known."""
-_AT_ONCE = 2_000_000  # samples of all sizes
 _FIRST_LOOK, _CLOSER, _LAST = (8, 512, 2), (4, 1024, 12), (1, MOST_CELLS, 12)
 """Of how many samples one is fitted, but no fewer than so many, and by how many evaluations."""
 _TOLERANCE = 1e-4
@@ -70,19 +66,14 @@ def dead_band_of(record: Record, learnt: IdentifiedModel) -> Flaws | None:
     return Flaws(dead_band=size, slip=slip)
 
 
-def _felt(record: Record, bands: list[tuple[float, float]]) -> Iterable[tuple[tuple[float, float], Floats]]:
-    """Each dead band with what it lets through."""
-    sizes, slips = np.array(bands).T
-    return zip(bands, Flaws(dead_band=sizes, slip=slips).felt(record.control), strict=True)
-
-
 def _behind(
     record: Record, learnt: IdentifiedModel, bands: list[tuple[float, float]], each: int, least: int, evaluations: int
 ) -> dict[tuple[float, float], Fit]:
     """The structure, fitted to what actuators with these dead bands let through."""
     cells = max(record.time.size // each, least)
-    fits, count = {}, max(_AT_ONCE // record.time.size, 1)
-    for band, felt in chain.from_iterable(_felt(record, bands[k : k + count]) for k in range(0, len(bands), count)):
+    sizes, slips = np.array(bands).T
+    fits = {}
+    for band, felt in zip(bands, Flaws(dead_band=sizes, slip=slips).felt(record.control), strict=True):
         response = RecordResponse(replace(record, control=felt), learnt.structure, learnt.start, cells)
         rows = np.ones(response.time.size, dtype=bool)
         fits[band] = fit(response, learnt.fitted.x, rows, evaluations, _TOLERANCE)
