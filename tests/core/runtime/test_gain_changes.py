@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -179,6 +180,25 @@ def test_nor_behind_a_filter_of_less_than_a_tick(mu: float, ticks: float) -> Non
         changing.reconfigure(after)
         control = [changing.step(0.0, float(y)) for y in measured[300:312]]
         assert np.abs(np.array(control) - rest).max() < np.ptp(all_along), "as it moves in this noise anyway"
+
+
+@pytest.mark.parametrize("mu", [0.7, 1.0, 1.3])
+@pytest.mark.parametrize("filter_before", [0.0, 0.02])
+def test_noise_at_the_tick_of_the_change_becomes_no_load(mu: float, filter_before: float) -> None:
+    """Of a derivative without a filter it moves the control widely; nobody else may take that over for good."""
+    noise, left, moved = np.random.default_rng(5).standard_normal(700), [], []
+    for last in range(200, 260):
+        before = ControllerSettings(Fopid(kp=2.0, ki=1e-9, kd=0.2, mu=mu), 0.005, measurement_filter_time=filter_before)
+        controller = FopidController(before)
+        told = [controller.step(0.0, read) for read in noise[:last].tolist()]
+        moved.append(told[-1] - np.mean(told[100:]))
+        controller.reconfigure(
+            replace(before, gains=Fopid(3.0, 1e-9, 0.2), measurement_filter_order=2, measurement_filter_time=0.02)
+        )
+        left.append(np.mean([controller.step(0.0, read) for read in noise[last : last + 400].tolist()][40:]))
+    assert np.std(moved) > 8.0 or mu < 1.0
+    assert np.std(left) < 0.5 * np.std(moved)
+    assert np.std(left) < 10.0
 
 
 @pytest.mark.parametrize("weight", [0.0, 0.6, 1.0])

@@ -90,19 +90,22 @@ class FopidController:
 
         With ``bumpless`` the next control moves by what a controller with the new gains all along would
         have moved it by; without, it goes to where such a controller would have been. The past holds noise that a
-        slower filter of the measurement would not have let in: the derivative forgets what is faster than that filter,
-        and integral and setpoint alone move the next control.
+        slower filter of the measurement would not have let in: the derivative forgets what is faster than that filter
+        before it is read for the last time, so that no integral takes up what noise made of it at this very tick, and
+        integral and setpoint alone move the next control.
         """
         state, before = self.state, self._settings
         old = self._settle() if settings.gains != before.gains else self._parts
+        had = before.measurement_filter_time if before.measurement_filter_order else 0.0
+        slower = settings.measurement_filter_order > 0 and settings.measurement_filter_time > had
+        if slower and settings.bumpless and self._started:
+            self._operators.forget_faster(settings.measurement_filter_time)
+            self._read(*self._operators.read())
+            old, self._joins = self._parts, True
         self._install(settings)
         # A new weight must not look like a jump of the differentiated signal.
         new_weight = settings.derivative_setpoint_weight - before.derivative_setpoint_weight
         self._shift += new_weight * (state.setpoint - self._origin)
-        slower = self._filter is not None and settings.measurement_filter_time > before.measurement_filter_time
-        if slower and settings.bumpless and self._started:
-            self._operators.forget_faster(settings.measurement_filter_time)
-            self._joins = True
         self._go_on_from(old)
 
     @property
