@@ -93,6 +93,8 @@ class Excitation:
         Whether it is over; nothing is added from then on.
     completed : bool
         Whether it came to its proper end.
+    outside : bool
+        Whether it ended since the measurement left its band.
     reason : str
         Why it ended; empty while it runs.
 
@@ -109,7 +111,7 @@ class Excitation:
 
     def __init__(self, settings: ExcitationSettings) -> None:
         self.settings = settings
-        self.finished, self.completed, self.reason = False, False, ""
+        self.finished, self.completed, self.outside, self.reason = False, False, False, ""
         self._begin: float | None = None
         self._elapsed = 0.0
         self._bits = _shift_register(settings.order) if settings.kind == "prbs" else []
@@ -169,7 +171,7 @@ class Excitation:
     def _check_band(self, measurement: float) -> None:
         low, high = self.settings.low, self.settings.high
         if not self.finished and not low <= measurement <= high:
-            band = f"{low:g} to {high:g}"
+            band, self.outside = f"{low:g} to {high:g}", True
             self._end(f"measurement {measurement:.4g} left the band {band} after {self._elapsed:.4g} s", False)
 
     def _end(self, reason: str, completed: bool) -> float:

@@ -25,10 +25,6 @@ from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 
 EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""
-SETTLE_SHARE, CALM_SHARE = 0.3, 0.05
-"""How long the experiment may take to die out, and how long calm is asked for, in lengths of the experiment."""
-SMOOTHED_SHARE = 0.2
-"""Share of that calm over which noise is averaged out: of a hundred samples one is often beyond three deviations."""
 MOVED_SHARE = 0.5
 """The share of the allowed deviation that new gains may cause."""
 
@@ -54,48 +50,6 @@ class AutotuneRequest:
     criteria: AcceptanceCriteria
     propose_only: bool
     trial: Trial | None = None
-
-
-class Calm:
-    """For how long a deviation, noise averaged out, has been small.
-
-    Parameters
-    ----------
-    near : float
-        What is small.
-    smoothing : float
-        Time over which noise is averaged out [s].
-
-    Attributes
-    ----------
-    lasted : float
-        [s]; 0 while it is not calm.
-
-    Examples
-    --------
-    >>> calm = Calm(near=1.0, smoothing=2.0)
-    >>> for tick, deviation in enumerate([5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.5, 0.0]):
-    ...     calm.step(float(tick), deviation)
-    >>> calm.lasted
-    3.0
-    """
-
-    def __init__(self, near: float, smoothing: float) -> None:
-        self._near, self._smoothing = near, smoothing
-        self._level, self._since = math.nan, math.inf
-        self._time = -math.inf
-
-    @property
-    def lasted(self) -> float:
-        return max(self._time - self._since, 0.0) if math.isfinite(self._since) else 0.0
-
-    def step(self, time: float, deviation: float) -> None:
-        """One tick."""
-        dt = time - self._time
-        share = dt / (dt + self._smoothing) if math.isfinite(self._level) else 1.0
-        self._level = deviation if share == 1.0 else self._level + share * (deviation - self._level)
-        self._since = min(self._since, time) if abs(self._level) <= self._near else math.inf
-        self._time = time
 
 
 class Autotuner:
@@ -181,7 +135,7 @@ class Autotuner:
                 break
         if not outcome.success or self._request.propose_only:
             return outcome
-        self._settle()
+        self._experiment.settle("applying", 0.72)
         return self._apply_and_monitor(outcome)
 
     def _learn(self, began: float) -> Outcome:
@@ -202,25 +156,6 @@ class Autotuner:
             found, loop.sensor, loop.control_peak, loop.control_rate, every=every, record=record
         )
 
-    def _settle(self) -> None:
-        """Wait until the experiment has died out."""
-        limit, calm_for = SETTLE_SHARE * self._experiment.duration, CALM_SHARE * self._experiment.duration
-        calm = Calm(self._experiment.residual_transient(), SMOOTHED_SHARE * calm_for)
-        newest, setpoint = Tick(-math.inf, 0.0, 0.0, 0.0), self._experiment.loop.setpoint
-        began: list[float] = []
-
-        def hook(tick: Tick) -> None:
-            nonlocal newest
-            newest = tick
-            began.append(tick.time) if not began else None
-            calm.step(tick.time, tick.measurement - setpoint)
-
-        self._tap.set_tick_hook(hook)
-        self._wait.until(
-            lambda: bool(began) and (calm.lasted >= calm_for or newest.time - began[0] >= limit),
-            lambda: Stage("applying", 0.72, deviation=newest.measurement - setpoint, message="letting it settle"),
-        )
-
     def _apply_and_monitor(self, outcome: Outcome) -> Outcome:
         return self._gain_update.apply_and_monitor(outcome, *self._what_is_borne())
 
@@ -231,12 +166,13 @@ class Autotuner:
     def _what_is_borne(self) -> tuple[LoopPerformance, float, float, Callable[[Tick], str]]:
         """How the loop was, what is left of the experiment, by how much its error may grow, and what ends the watch."""
         loop, residual_transient = self._experiment.loop, self._experiment.residual_transient()
+        furthest = self._experiment.furthest
         # New gains read the memory of the past anew, which moves the loop a little: that much is allowed.
         allowed = (MOVED_SHARE * loop.deviation_max) ** 2 / (loop.figures.mean_square + residual_transient**2)
 
         def outside(tick: Tick) -> str:
-            if tick.setpoint != loop.setpoint or abs(tick.measurement - tick.setpoint) <= loop.deviation_max:
+            if tick.setpoint != loop.setpoint or abs(tick.measurement - tick.setpoint) <= furthest:
                 return ""
-            return f"measurement {tick.measurement:.4g} left the band of {loop.deviation_max:.4g}"
+            return f"measurement {tick.measurement:.4g} left the band of {furthest:.4g}"
 
         return loop.figures, residual_transient, max(allowed, 2.0), outside

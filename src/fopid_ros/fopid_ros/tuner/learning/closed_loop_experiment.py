@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from fopid_core.design.identification.noise import resolution
 from fopid_core.errors import InputError
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
+from fopid_ros.tuner.learning.calm import Calm
 from fopid_ros.tuner.learning.gain_update import TICKS_MIN
 from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
 from fopid_ros.tuner.learning.loop_baseline import STEADY_STATE_SHARE, LoopBaseline, integral_time
@@ -44,8 +45,15 @@ SEEN_SHARE = 0.9 * WANTED_SHARE
 """So is one of this share of the allowed deviation, nearly all that a probe is meant to make."""
 MOST_SHARE, MOST_LARGER_AGAIN = 0.6, 3.0
 """Share that an experiment aims at that is made because the one before said too little, and how much larger it is."""
+GENTLER, AGAIN, BARELY = 0.5, 2, 1.2
+"""An experiment that leaves a band that nobody has asked for, but by less than a fifth, is made anew once the loop is
+back, with so much of its move and so often at most."""
 SETTLED_SHARE = 0.05
 """Share of the largest deviation made that counts as rest."""
+SETTLE_SHARE, CALM_SHARE = 0.3, 0.05
+"""How long the experiment may take to die out, and how long calm is asked for, in lengths of the experiment."""
+SMOOTHED_SHARE = 0.2
+"""Share of that calm over which noise is averaged out: of a hundred samples one is often beyond three deviations."""
 SEEN_SAMPLES = 2000
 """So many of the newest samples show how a measurement is quantised."""
 TOTAL, TOTAL_UNTIL_KNOWN = 2.0, 1.2
@@ -227,9 +235,46 @@ class ClosedLoopExperiment:
         else:
             larger = MOST_SHARE * self.loop.deviation_max / max(self._peak, 1e-300)
             self._amplitude = min(self._amplitude * min(max(larger, 1.0), MOST_LARGER_AGAIN), self._most())
+        excitation = self._made_whole(known, looks)
+        for _ in range(0 if self._wanted.deviation_max or self._wanted.amplitude else AGAIN):
+            if not excitation.outside or self.settle("exciting", 0.1) > self.furthest:
+                break
+            self._amplitude *= GENTLER
+            excitation = self._made_whole(known, looks)
+        return "" if excitation.completed else excitation.reason
+
+    @property
+    def furthest(self) -> float:
+        """The deviation that is borne: a fifth more than a band that nobody has asked for, which is a guess."""
+        return (1.0 if self._wanted.deviation_max else BARELY) * self.loop.deviation_max
+
+    def _made_whole(self, known: Callable[[], bool], looks: Sequence[float]) -> Excitation:
+        """The excitation itself, with the amplitude that was found."""
         excitation = Excitation(self._settings(self._wanted.excitation, self._amplitude, self.duration))
         self._run_excitation(excitation, lambda: 0.1 + 0.5 * excitation.progress, known=lambda _: known(), looks=looks)
-        return "" if excitation.completed else excitation.reason
+        return excitation
+
+    def settle(self, phase: str, progress: float) -> float:
+        """Wait until the experiment has died out; the largest deviation meanwhile."""
+        limit, calm_for = SETTLE_SHARE * self.duration, CALM_SHARE * self.duration
+        calm = Calm(self.residual_transient(), SMOOTHED_SHARE * calm_for)
+        newest, setpoint = Tick(-math.inf, 0.0, 0.0, 0.0), self.loop.setpoint
+        began: list[float] = []
+        furthest = 0.0
+
+        def hook(tick: Tick) -> None:
+            nonlocal newest, furthest
+            newest = tick
+            began.append(tick.time) if not began else None
+            furthest = max(furthest, abs(tick.measurement - setpoint))
+            calm.step(tick.time, tick.measurement - setpoint)
+
+        self._tap.set_tick_hook(hook)
+        self._wait.until(
+            lambda: bool(began) and (calm.lasted >= calm_for or newest.time - began[0] >= limit),
+            lambda: Stage(phase, progress, deviation=newest.measurement - setpoint, message="letting it settle"),
+        )
+        return furthest
 
     def _most(self) -> float:
         """The largest move of the control that is ever made."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fopid_ros.tuner.learning.autotune import Calm
+from fopid_ros.tuner.learning.calm import Calm
 
 
 def calm_after(signal: np.ndarray, near: float, calm_for: float) -> float:
