@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fopid_core.design.dead_band_trial import DeadBandTrial
+from fopid_core.design.flaw_trial import FlawTrial
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.loop_judge import LoopJudge, RunningGains, loop_of
 from fopid_core.design.loop_worth import LoopWorth
@@ -142,7 +142,7 @@ def improve(
     if not identified.success or identified.best is None:
         return Improvement(False, identified.message, tune_robustly(identified, request, limits, clock))
     judge = LoopJudge(identified.best.process, request.sample_time, running, limits.ms_max)
-    trial = _Trial(identified, limits, _and_its_dead_band(refuse, identified, judge), clock, judge, tell, [])
+    trial = _Trial(identified, limits, _and_its_flaws(refuse, identified, judge), clock, judge, tell, [])
     promising = _promising(identified, request, judge, tell) if compare or every else []
     fit = [one for one in promising if not one.refusal] if compare else []
     for one in fit[:MOST_VERIFIED]:
@@ -169,13 +169,13 @@ def improve(
     return Improvement(True, "; ".join(parts), tuned, candidates)
 
 
-def _and_its_dead_band(
+def _and_its_flaws(
     refuse: Callable[[TuningResult], str], identified: IdentificationResult, judge: LoopJudge
 ) -> Callable[[TuningResult], str]:
-    """The same, and what the actuator's dead band makes of a design, where it has one."""
-    if not identified.flaws.dead_band or identified.best is None:
+    """The same, and what a dead band or dry friction makes of a design, where there is one."""
+    if not (identified.flaws.dead_band or identified.flaws.friction) or identified.best is None:
         return refuse
-    tried = DeadBandTrial(identified.best.process, identified.flaws, judge.sample_time, judge.running.noise, judge.runs)
+    tried = FlawTrial(identified.best.process, identified.flaws, judge.sample_time, judge.running.noise, judge.runs)
     return lambda tuning: refuse(tuning) or tried.refusal(loop_of(judge.process, tuning))
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from fopid_core.design.dead_band_trial import DeadBandTrial
+from fopid_core.design.flaw_trial import FlawTrial
 from fopid_core.design.identification.drift import drift
 from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identify import identify
@@ -161,8 +161,8 @@ def test_gains_that_cycle_wider_behind_play_than_those_that_run_are_refused() ->
     process, flaws = Process.parse("1000/(1000s+1)"), Flaws(dead_band=0.1, slip=0.0)
     runs, calm, lively = Fopid(kp=0.5, ki=0.05), Fopid(kp=1.0, ki=0.2), Fopid(kp=0.3, ki=0.3)
     assert cycling(lively, 0.1) > 1.5 * cycling(runs, 0.1) > 1.5 * cycling(calm, 0.1)
-    trial = DeadBandTrial(process, flaws, 0.1, 0.0, Loop(process, runs))
+    trial = FlawTrial(process, flaws, 0.1, 0.0, Loop(process, runs))
     linear = {gains: load_error(Loop(process, gains)) for gains in (runs, calm, lively)}
     assert linear[lively] < 0.5 * linear[runs]  # as if there were no play it would be much better
     assert trial.refusal(Loop(process, calm)) == ""
-    assert "behind an actuator that has play within 0.1 a load of" in trial.refusal(Loop(process, lively))
+    assert "the actuator has play within 0.1: after a load of" in trial.refusal(Loop(process, lively))

@@ -1,4 +1,4 @@
-"""What may not be linear in a process: an actuator that sticks, has play or a limit, a gain that bends."""
+"""What may not be linear in a process: an actuator that sticks, has play or limits, friction, a gain that bends."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fopid_core.design.identification.friction import Friction
 from fopid_core.design.identification.record import Record
 from fopid_core.model.arrays import Booleans, Floats
 
@@ -33,6 +34,8 @@ class Flaws:
     centre : float
     began : float
         How far from the control the stem stood at first.
+    friction : Friction or None
+        Of the mechanism that is moved; of one process.
 
     Examples
     --------
@@ -52,6 +55,7 @@ class Flaws:
     bend: Floats | float = 0.0
     centre: float = 0.0
     began: Floats | float = 0.0
+    friction: Friction | None = None
 
     def stem(self, control: Floats, before: Floats) -> Floats:
         """Where the stem is under a control, shape (m,), and was before."""
@@ -116,8 +120,9 @@ class Flaws:
     def of_record(self, record: Record) -> Record:
         """The record as the linear part sees it; of one process."""
         before = None if record.control_before is None else float(np.clip(record.control_before, self.low, self.high))
-        return replace(record, control=self.felt(record.control)[0], measurement=self.straight(record.measurement),
+        seen = replace(record, control=self.felt(record.control)[0], measurement=self.straight(record.measurement),
                        control_before=before)  # fmt: skip
+        return replace(seen, control=self.friction.felt(seen)) if self.friction else seen
 
     def __str__(self) -> str:
         told = []
@@ -127,6 +132,8 @@ class Flaws:
                  if math.isfinite(at)]  # fmt: skip
         if self.bend:
             told.append(f"the gain changes by {100.0 * 2.0 * self.bend:.3g} % per unit of the measurement")
+        if self.friction:
+            told.append(str(self.friction))
         return ", ".join(told)
 
 

@@ -17,6 +17,7 @@ from fopid_core.design.identification.coloured_noise import fit_in_coloured_nois
 from fopid_core.design.identification.dead_band import dead_band_of
 from fopid_core.design.identification.fit import Fit, fit
 from fopid_core.design.identification.flaws import Flaws
+from fopid_core.design.identification.friction import friction_of
 from fopid_core.design.identification.identified_model import IdentifiedModel, judged
 from fopid_core.design.identification.initial_estimates import initial_conditions, initial_parameters, rough_fit
 from fopid_core.design.identification.quality import fit_pct
@@ -50,6 +51,8 @@ GOOD_FIT, BEST_FIT = 98.0, 99.9
 to the second where the best template may be used: a record that shows a template nothing shows a richer one no more."""
 MATTERS = 0.1
 """A residual that is not white, but of smaller correlation, leaves a richer model 5 % of its size to explain."""
+LEAVES_MUCH = 2.0
+"""A linear model that leaves so many times the known noise is no reason not to look for dry friction."""
 _ROUGH, _COARSE = 256, 512
 _ROUNDS = 3
 """So often a dead band is looked for, each time beside the process that was learnt behind the last."""
@@ -83,12 +86,12 @@ class IdentificationResult:
 
     @property
     def flaws(self) -> Flaws:
-        """Of the actuator: a dead band that the record speaks for. The models are of the process behind it."""
+        """What the record speaks for: a dead band of the actuator, or dry friction. The models are of the rest."""
         return self.best.flaws if self.best else Flaws()
 
     def behind_actuator(self, record: Record) -> Record:
-        """A record as the process saw it: what the actuator let through of its control."""
-        return self.flaws.of_record(record) if self.flaws.dead_band else record
+        """A record as the linear process saw it: what actuator and friction left of its control."""
+        return self.flaws.of_record(record) if self.flaws.dead_band or self.flaws.friction else record
 
 
 def identify(
@@ -200,7 +203,20 @@ class _Search:
         if refusal and runaways and _preferred(runaways).fit_pct > max(best.fit_pct, LEAST_FIT):
             best = _preferred(runaways)  # it tells more of what is amiss
             refusal = refusal_of(record, best, noise)
+        poor = refusal or 0.0 < LEAVES_MUCH * noise < best.noise
+        if poor and self.dead_band and self.unstable and (freed := self._without_friction(record, best)):
+            return freed
         return _Found(models + runaways, best, refusal)
+
+    def _without_friction(self, record: Record, best: IdentifiedModel) -> _Found | None:
+        """The same without the dry friction that a record speaks for; None as for a dead band."""
+        friction = friction_of(record, best.noise)
+        if friction is None:
+            return None
+        flaws = Flaws(friction=friction)
+        seen = flaws.of_record(record)
+        found = replace(self, dead_band=False).of(seen, rough_fit(seen, _ROUGH, loads=True)).behind(flaws)
+        return None if found.refusal else found
 
     def _behind_dead_band(self, record: Record, best: IdentifiedModel) -> _Found | None:
         """The same behind the dead band that a record speaks for; None where it speaks for none, or that is no use.

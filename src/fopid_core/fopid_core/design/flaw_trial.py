@@ -1,4 +1,4 @@
-"""Gains tried behind an actuator that sticks or has play, beside those that run: what a linear process cannot show."""
+"""Gains tried with an actuator that sticks or has play, or against dry friction: what a linear process cannot show."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from fopid_core.design.identification.flaws import Flaws
+from fopid_core.design.identification.friction import Body
 from fopid_core.model.evaluation import default_horizon
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
@@ -17,21 +18,22 @@ from fopid_core.runtime.plant import PlantSettings
 from fopid_core.runtime.settings import as_designed
 
 LOADS = (2.0, 20.0)
-"""Steps of the load that are tried, in dead bands: one that the actuator nearly swallows, one that it hardly feels."""
+"""Steps of the load that are tried, in dead bands or frictions: one that is nearly swallowed, one that hardly is."""
 WORSE = 1.05
 """By how much more error than what runs new gains may leave."""
 MOST_TICKS = 20_000
 _SEED = 1
 
 
-class DeadBandTrial:
-    """The loop with a dead band after steps of a load, with the gains that run and with others.
+class FlawTrial:
+    """The loop with its flaws after steps of a load, with the gains that run and with others.
 
     Parameters
     ----------
     process : Process
-        Behind the actuator.
+        Behind the actuator; where there is friction, the body that it holds stands for it.
     flaws : Flaws
+        A dead band, or dry friction.
     sample_time : float
         Of the controller [s].
     noise : float
@@ -43,11 +45,11 @@ class DeadBandTrial:
     --------
     >>> from fopid_core.model.fopid import Fopid
     >>> process, play = Process.parse("1/(s+1)"), Flaws(dead_band=0.1, slip=0.0)
-    >>> trial = DeadBandTrial(process, play, 0.1, 0.0, Loop(process, Fopid(kp=1.0, ki=1.0)))
+    >>> trial = FlawTrial(process, play, 0.1, 0.0, Loop(process, Fopid(kp=1.0, ki=1.0)))
     >>> trial.refusal(Loop(process, Fopid(kp=2.0, ki=2.0)))
     ''
     >>> trial.refusal(Loop(process, Fopid(kp=0.5, ki=0.5)))
-    'behind an actuator that has play within 0.1 a load of 2 dead bands leaves 2 times the error of what runs'
+    'the actuator has play within 0.1: after a load of 2 times that 2 times the error of what runs is left'
     """
 
     def __init__(self, process: Process, flaws: Flaws, sample_time: float, noise: float, running: Loop) -> None:
@@ -62,17 +64,19 @@ class DeadBandTrial:
         for size, before in zip(LOADS, self._before, strict=True):
             error = self._error(loop, size)
             if error > WORSE * before:
-                return (
-                    f"behind an actuator that {str(self._flaws).removeprefix('the actuator ')} a load of {size:g} dead "
-                    f"bands leaves {error / before:.2g} times the error of what runs"
-                )
+                after = f"after a load of {size:g} times that {error / before:.2g} times the error of what runs is left"
+                return f"{self._flaws}: {after}"
         return ""
 
-    def _error(self, loop: Loop, size: float) -> float:
-        """Sum of the absolute error after a load of so many dead bands; infinite where it grows beyond numbers."""
+    def _error(self, loop: Loop, times: float) -> float:
+        """Sum of the absolute error after a load of so many times the flaw; infinite where it grows beyond numbers."""
         controller = FopidController(as_designed(loop.controller, self._sample_time, loop.filter, loop.weights))
-        plant = plant_of(PlantSettings(self._process, self._sample_time, delay_model="exact"))
-        load, stem, total = size * float(self._flaws.dead_band), np.zeros(1), 0.0
+        friction, stem, total = self._flaws.friction, np.zeros(1), 0.0
+        plant = (
+            Body(friction, self._sample_time) if friction
+            else plant_of(PlantSettings(self._process, self._sample_time, delay_model="exact"))
+        )  # fmt: skip
+        load = times * (friction.size if friction else float(self._flaws.dead_band))
         for noise in self._noise.tolist():
             control = controller.step(0.0, plant.measurement + noise)
             stem = self._flaws.stem(np.array([control]), stem)

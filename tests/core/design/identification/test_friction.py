@@ -1,0 +1,94 @@
+"""Dry friction is learnt with the process it hides; the records come from bodies stepped through in plain Python."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import numpy as np
+import pytest
+
+from fopid_core.design.flaw_trial import FlawTrial
+from fopid_core.design.identification.flaws import Flaws
+from fopid_core.design.identification.friction import Friction, friction_of
+from fopid_core.design.identification.identify import identify
+from fopid_core.design.identification.record import Record
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
+from fopid_core.model.process import Process
+
+STEP, SUBSTEPS = 0.005, 40
+INERTIA, DAMPING, SIZE, NOISE = 0.03, 0.06, 0.02, 5e-4
+
+
+def day(spring: float, size: float, seed: int, pushed: float = 0.0, seconds: float = 30.0) -> Record:
+    """A body under P and D of its noisy place and steps that are added; explicit steps of a fortieth of a tick."""
+    dice = random.Random(seed)
+    place = speed = before = added = 0.0
+    rows = []
+    for k in range(round(seconds / STEP)):
+        if k % 120 == 0:
+            added = dice.choice((-1.0, 1.0)) * 0.06
+        read = place + dice.gauss(0.0, NOISE)
+        control = -1.0 * read - 0.05 * (read - before) / STEP * 0.2 + added
+        before = read
+        rows.append((k * STEP, control, read))
+        for _ in range(SUBSTEPS):
+            force = control + pushed - spring * place
+            if speed == 0.0 and abs(force) <= size:
+                continue
+            direction = math.copysign(1.0, speed or force)
+            faster = speed + STEP / SUBSTEPS * (force - DAMPING * speed - size * direction) / INERTIA
+            speed = 0.0 if faster * direction < 0.0 else faster
+            place += STEP / SUBSTEPS * speed
+    return Record(*np.array(rows).T)
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("spring", [0.6, pytest.param(0.0, marks=pytest.mark.slow)])
+def test_friction_is_learnt_and_the_process_without_it(spring: float, seed: int) -> None:
+    found = identify(day(spring, SIZE, seed), noise=NOISE)
+    assert found.success, found.message
+    assert found.best is not None
+    assert "the process moves against a dry friction of 0.0" in found.message
+    assert found.flaws.friction is not None
+    assert found.flaws.friction.size == pytest.approx(SIZE, rel=0.1)
+    for w in (2.0, 5.0, 10.0):
+        s = 1j * w
+        true = 1.0 / (INERTIA * s * s + DAMPING * s + spring)
+        assert abs(found.best.process(s) / true - 1.0) < 0.2
+
+
+@pytest.mark.parametrize("spring", [0.6, 0.0])
+def test_where_there_is_none_none_is_found(spring: float) -> None:
+    record = day(spring, 0.0, 3)
+    found = identify(record, noise=NOISE)
+    assert found.success
+    assert found.best is not None
+    assert found.flaws.friction is None
+    assert friction_of(record, found.best.noise) is None
+
+
+def test_too_little_is_no_friction() -> None:
+    record = day(0.6, SIZE, 4, seconds=0.9)
+    assert friction_of(record, 1.0) is None
+    uneven = Record(np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 400)), np.ones(400), np.ones(400))
+    assert friction_of(uneven, 1.0) is None
+
+
+def test_a_constant_force_beside_the_control_is_found() -> None:
+    quiet, pushed = day(0.6, SIZE, 5), day(0.6, SIZE, 5, pushed=0.05)
+    friction = Friction(SIZE, INERTIA, DAMPING, 0.6)
+    for record in (quiet, pushed):
+        taken = record.control - friction.felt(record)
+        assert np.max(np.abs(taken)) <= SIZE * (1.0 + 1e-9) or np.ptp(taken) <= 2.0 * SIZE * (1.0 + 1e-9)
+        assert np.mean(np.abs(np.abs(taken - np.median(taken)) - SIZE) < 0.5 * SIZE) > 0.2  # it moves, both ways
+
+
+def test_gains_that_make_a_body_with_friction_hunt_are_refused() -> None:
+    process, flaws = Process.parse("1/(0.03s^2+0.06s+0.6)"), Flaws(friction=Friction(SIZE, INERTIA, DAMPING, 0.6))
+    trial = FlawTrial(process, flaws, STEP, 0.0, Loop(process, Fopid(kp=2.0, ki=2.0, kd=0.2)))
+    assert trial.refusal(Loop(process, Fopid(kp=4.0, ki=6.0, kd=0.3))) == ""
+    assert "the process moves against a dry friction of 0.02: after a load of" in trial.refusal(
+        Loop(process, Fopid(kp=0.2, ki=1.3, kd=0.02))
+    )
