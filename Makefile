@@ -98,8 +98,13 @@ bench: venv ## Measure the performance figures, each beside its baseline, into d
 	@"$(BIN)/python" -m tests.hand_to_picture >build/benchmark_browser.json
 	@"$(BIN)/python" tools/performance_table.py build/benchmark_{core,ros,browser}.json docs/performance.md
 
+.PHONY: simulators
+simulators: venv ## Add the simulators of others that some foreign plants run in: MuJoCo, gym-electric-motor, do-mpc
+	@"$(BIN)/uv" pip install --quiet --python "$(BIN)/python" --no-deps -r requirements-plants.txt || \
+	"$(BIN)/python" -m pip install -qq --disable-pip-version-check --no-deps -r requirements-plants.txt
+
 .PHONY: plants
-plants: venv ## Compare start gains, rules, autotuning and the best known on foreign plants, into docs/plants.md [ARGS=crane]
+plants: simulators ## Compare start gains, rules, autotuning and the best known on foreign plants, into docs/plants.md [ARGS=crane]
 	@"$(BIN)/python" examples/plants/compare.py $(if $(ARGS),$(ARGS),--out docs/plants.md)
 
 .PHONY: docs
@@ -145,6 +150,8 @@ lock: venv ## Compile requirements*.in anew [ARGS='--upgrade']
 	lock=("$(BIN)/uv" pip compile --quiet --no-emit-index-url --override requirements-override.in $(ARGS)); \
 	"$${lock[@]}" --python-version 3.11 requirements-dev.in --output-file requirements-dev.txt; \
 	"$${lock[@]}" --python-version 3.11 --constraint requirements-dev.txt requirements.in --output-file requirements.txt; \
+	"$${lock[@]}" --python-version 3.11 --constraint requirements-dev.txt requirements-plants.in \
+	  --output-file requirements-plants.txt; \
 	"$${lock[@]}" --python-version 3.12 requirements-jazzy.in --output-file requirements-jazzy.txt
 
 .PHONY: clean

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from best_known import FILE, settings_of
-from foreign_plants.gallery import GALLERY
+from foreign_plants.gallery import GALLERY, known_plants
 from judging import Judgements, judge
 from step_test import SLOWER, Pid, amigo, simc, step_test
 from virtual_loop import TooLongError, VirtualLoop
@@ -194,7 +194,7 @@ def table(found: Mapping[str, list[Row]]) -> str:
 def main() -> int:
     """Compare and write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("plants", nargs="*", default=list(GALLERY))
+    parser.add_argument("plants", nargs="*", default=known_plants())
     parser.add_argument("--out", type=Path)
     parser.add_argument("--seed", type=int, default=1, help="of the sensor's noise while autotuning")
     parser.add_argument("--whole", action="store_true", help="experiments do not end once enough is known")

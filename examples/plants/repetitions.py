@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable
 
 import numpy as np
-from foreign_plants.gallery import GALLERY
+from foreign_plants.gallery import GALLERY, known_plants
 from virtual_loop import TooLongError, VirtualLoop
 
 from fopid_core.errors import InputError
@@ -54,7 +54,7 @@ def line(name: str, seeds: Iterable[int]) -> str:
 def main() -> int:
     """Repeat and tell."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("plants", nargs="*", default=list(GALLERY))
+    parser.add_argument("plants", nargs="*", default=known_plants())
     parser.add_argument("--count", type=int, default=50)
     given = parser.parse_args()
     print(HEAD)

@@ -3,29 +3,47 @@
 from __future__ import annotations
 
 import math
+import os
+from importlib.util import find_spec
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from foreign_plants.chemistry import Neutralisation, StirredReactor, VanDeVusse
 from foreign_plants.fluids import QuadrupleTank
-from foreign_plants.gallery import GALLERY
+from foreign_plants.gallery import GALLERY, SIMULATORS
 from foreign_plants.heat import HeatExchanger
 from foreign_plants.parts import Actuator, Plant, Sensor
+from foreign_plants.simulators import Arm, MotorSpeed
 from scipy.integrate import solve_ivp
 from virtual_loop import VirtualLoop
+
+OWN_EQUATIONS = [name for name in GALLERY if name not in SIMULATORS]
 
 
 @pytest.fixture(params=GALLERY)
 def name(request: pytest.FixtureRequest) -> str:
+    missing = request.param in SIMULATORS and find_spec(SIMULATORS[request.param]) is None
+    if missing and not os.environ.get("FOPID_NEED_SIMULATORS"):
+        pytest.skip(f"needs {SIMULATORS[request.param]}: make simulators")
     return str(request.param)
 
 
-def test_rests_where_it_says(name: str) -> None:
+@pytest.mark.parametrize("name", OWN_EQUATIONS)
+def test_has_no_slope_at_rest(name: str) -> None:
     plant = GALLERY[name].plant()
     assert np.allclose(plant.slopes(plant.state, plant.control_at_rest), 0.0, atol=2e-6)
 
 
+def test_stays_where_it_rests(name: str) -> None:
+    plant = GALLERY[name].plant()
+    before = plant.state
+    for _ in range(20):
+        plant.step(plant.control_at_rest, GALLERY[name].sample_time)
+    assert np.allclose(plant.state, before, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", OWN_EQUATIONS)
 def test_solves_its_equation(name: str) -> None:
     plant = GALLERY[name].plant()
     if isinstance(plant, HeatExchanger):
@@ -59,6 +77,21 @@ def test_the_published_points_of_rest() -> None:
     assert VanDeVusse().rest == pytest.approx((3.0, 1.117), rel=2e-3)
     wa, wb, ph = Neutralisation().rest
     assert (wa, wb, ph) == pytest.approx((-4.32e-4, 5.28e-4, 7.0), rel=1e-2)
+
+
+def test_the_simulators_are_what_their_sources_say() -> None:
+    pytest.importorskip("mujoco")
+    arm, speed = Arm(), MotorSpeed()
+    sticks = [arm.step(arm.control_at_rest + 0.015, 0.005) for _ in range(200)]
+    assert np.ptp(sticks) < 0.01  # dry friction of 0.02 N m
+    for _ in range(1000):
+        arm.step(0.0, 0.005)
+    assert abs(arm.state[0]) < 0.1  # it falls, and hangs
+    for _ in range(400):
+        speed.step(18.0 + 6.0, 0.0005)
+    turns, current = speed.state
+    assert pytest.approx(0.016 * current + 0.165 * turns, rel=1e-3) == 24.0
+    assert 0.165 * current == pytest.approx(0.05 + 5e-5 * turns**2, rel=1e-2)
 
 
 def test_the_reactor_ignites() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 
 from foreign_plants.chemistry import Neutralisation, StirredReactor, VanDeVusse
 from foreign_plants.fluids import BoilerDrum, LevelTank, QuadrupleTank
 from foreign_plants.heat import CoupledHeaters, Furnace, HeatExchanger
 from foreign_plants.motion import Crane, FlexibleJoint, Levitation, MotorPosition
 from foreign_plants.parts import Plant
+from foreign_plants.simulators import Arm, Cart, CooledReactor, MotorSpeed
 
 
 @dataclass(frozen=True)
@@ -53,4 +55,18 @@ GALLERY = {
     "flexible_joint": Exhibit(FlexibleJoint, 0.005, (0.05, 0.25, 0.0), 1.0, 0.1, 5.0, (-4.0, 8.0)),
     "crane": Exhibit(Crane, 0.02, (20.0, 2.0, 0.0), 0.1, 4.0, 20.0, (-1.0, 1.0)),
     "levitation": Exhibit(Levitation, 0.002, (-0.6, -2.0, -0.02), 1.0, 0.1, 2.0, (30.0, 70.0)),
+    "mujoco_arm": Exhibit(Arm, 0.005, (2.0, 2.0, 0.2), 0.2, 0.2, 5.0, (-1.0, 2.0)),
+    "mujoco_cart": Exhibit(Cart, 0.01, (15.0, 2.0, 0.0), 0.1, 2.0, 15.0, (-1.0, 1.0)),
+    "motor_speed": Exhibit(MotorSpeed, 0.0005, (0.02, 2.0, 0.0), 10.0, 2.0, 0.4, (20.0, 250.0)),
+    "cooled_reactor": Exhibit(CooledReactor, 10.0, (100.0, 0.5, 0.0), 1.0, 200.0, 3000.0, (100.0, 130.0)),
 }
+
+SIMULATORS = {
+    "mujoco_arm": "mujoco", "mujoco_cart": "mujoco", "motor_speed": "gym_electric_motor", "cooled_reactor": "do_mpc",
+}  # fmt: skip
+"""What solves the equations of the plants that do not bring their own; ``make simulators`` adds these modules."""
+
+
+def known_plants() -> list[str]:
+    """Those that can run with what is installed."""
+    return [name for name in GALLERY if name not in SIMULATORS or find_spec(SIMULATORS[name])]

@@ -136,12 +136,16 @@ class Plant:
         del dt
         return felt + self.load
 
+    def advance(self, u: float, h: float) -> None:
+        """Let ``h`` [s] pass with the input ``u``."""
+        self.state = self._runge_kutta(self.state, u, h)
+
     def step(self, control: float, dt: float) -> float:
         """Hold ``control`` for ``dt`` [s]; the reading after it."""
         count = max(math.ceil(dt / self.substep - 1e-9), 1)
         h = dt / count
         for _ in range(count):
-            self.state = self._runge_kutta(self.state, self.input(self.actuator.step(control, h), h), h)
+            self.advance(self.input(self.actuator.step(control, h), h), h)
         self.measurement = self.sensor.read(self.output(self.state), dt)
         return self.measurement
 
