@@ -36,7 +36,13 @@ def errors(name: str, **settings: Any) -> tuple[float, float]:
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     ("name", "slow_end_seen"),
-    [("heat_exchanger", True), ("motor_position", False), ("levitation", True), ("boiler_drum", False)],
+    [
+        ("heat_exchanger", True),
+        ("motor_position", False),
+        ("levitation", True),
+        ("boiler_drum", False),
+        ("mujoco_arm", True),
+    ],
 )
 def test_new_gains_beat_those_that_ran(name: str, slow_end_seen: bool) -> None:
     exhibit = GALLERY[name]
@@ -51,6 +57,7 @@ def test_new_gains_beat_those_that_ran(name: str, slow_end_seen: bool) -> None:
     assert ("watch the first large step of the setpoint" in outcome.message) != slow_end_seen
     assert ("runs away" in outcome.message) == (name == "levitation")
     assert ("the actuator has play within 0." in outcome.message) == (name == "boiler_drum")
+    assert ("moves against a dry friction of 0.01" in outcome.message) == (name == "mujoco_arm")
     before, after = errors(name), errors(name, **loop.tuned_settings())
     assert after[0] < before[0]
     assert after[1] < before[1]
