@@ -65,7 +65,7 @@ class Friction:
         return np.array([math.log(self.inertia), self.damping, self.stiffness, self.size, 0.0])
 
     def felt(self, record: Record) -> Floats:
-        """What friction leaves of a record's control, evenly spaced, shape (n,).
+        """What friction leaves of a record's control, shape (n,).
 
         The constant force that acts beside the control is the one that explains the record best.
         """
@@ -74,7 +74,7 @@ class Friction:
         for _ in range(FINER):
             numbers = np.tile(self.numbers, (PLACES, 1))
             numbers[:, 4] = about + width * np.linspace(-1.0, 1.0, PLACES)
-            places, frictions = moved(numbers, record.control, record.sample_time)
+            places, frictions = moved(numbers, record.control, _holds(record.time))
             best = int(np.argmin(np.std(places - record.measurement[:, None], axis=0)))
             about, width = float(numbers[best, 4]), 2.0 * width / PLACES
         return np.asarray(record.control - frictions[:, best])
@@ -99,20 +99,28 @@ class Body:
         self.measurement += h * self._speed
 
 
-def moved(numbers: Floats, control: Floats, h: float) -> tuple[Floats, Floats]:
-    """Places of several bodies and what friction takes, each of shape (n, m), from numbers of shape (m, 5)."""
+def moved(numbers: Floats, control: Floats, holds: Floats) -> tuple[Floats, Floats]:
+    """Places of several bodies and what friction takes, each of shape (n, m), from numbers of shape (m, 5).
+
+    ``holds`` says for how long each control is held [s], shape (n,).
+    """
     log_inertia, damping, stiffness, size, constant = numbers.T
-    momentum = np.exp(np.clip(log_inertia, -50.0, 50.0)) / h
-    ease = 1.0 / (momentum + damping + h * stiffness)
+    inertia = np.exp(np.clip(log_inertia, -50.0, 50.0))
     places, frictions = np.empty((control.size, len(numbers))), np.empty((control.size, len(numbers)))
     place, speed = np.zeros(len(numbers)), np.zeros(len(numbers))
-    for k, force in enumerate(control.tolist()):
+    for k, (force, h) in enumerate(zip(control.tolist(), holds.tolist(), strict=True)):
         places[k] = place
+        momentum = inertia / h
         drive = momentum * speed + (force - constant) - stiffness * place
         frictions[k] = taken = np.minimum(np.maximum(drive, -size), size)
-        speed = (drive - taken) * ease
+        speed = (drive - taken) / (momentum + damping + h * stiffness)
         place = place + h * speed
     return places, frictions
+
+
+def _holds(time: Floats) -> Floats:
+    """For how long each sample lasts [s]; the last as long as the one before."""
+    return np.diff(time, append=2.0 * time[-1] - time[-2])
 
 
 def friction_of(record: Record, left: float) -> Friction | None:
@@ -124,16 +132,16 @@ def friction_of(record: Record, left: float) -> Friction | None:
     left : float
         Standard deviation of that.
     """
-    if not record.is_regular or record.time.size < LEAST_SAMPLES:
+    if record.time.size < LEAST_SAMPLES:
         return None
     every = math.ceil(record.time.size / MOST_SAMPLES)
     count = record.time.size // every
     control = record.control[: count * every].reshape(count, every).mean(axis=1)
-    measurement, h = record.measurement[: count * every : every], every * record.sample_time
-    starts = [numbers for time in SMOOTHED for numbers in _read(control, measurement, h, time)]
+    measurement, holds = record.measurement[: count * every : every], _holds(record.time[: count * every : every])
+    starts = [numbers for time in SMOOTHED for numbers in _read(control, measurement, float(holds.mean()), time)]
     if not starts:
         return None
-    found = min((_fitted(start, control, measurement, h) for start in _best(starts, control, measurement, h)),
+    found = min((_fitted(start, control, measurement, holds) for start in _best(starts, control, measurement, holds)),
                 key=lambda fit: float(np.std(fit[1])))  # fmt: skip
     (log_inertia, damping, stiffness, size, _), residual = found
     error = float(np.std(residual))
@@ -173,26 +181,26 @@ def _smooth(signal: Floats, time: float) -> Floats:
     return np.asarray(smooth + signal[0])
 
 
-def _best(starts: list[Floats], control: Floats, measurement: Floats, h: float) -> list[Floats]:
+def _best(starts: list[Floats], control: Floats, measurement: Floats, holds: Floats) -> list[Floats]:
     """Those that explain most."""
     with np.errstate(over="ignore", invalid="ignore"):
-        errors = np.std(_residual(np.array(starts), control, measurement, h), axis=0)
+        errors = np.std(_residual(np.array(starts), control, measurement, holds), axis=0)
     order = np.argsort(np.nan_to_num(errors, nan=np.inf, posinf=np.inf))
     return [starts[place] for place in order[:STARTS]]
 
 
-def _fitted(start: Floats, control: Floats, measurement: Floats, h: float) -> tuple[Floats, Floats]:
+def _fitted(start: Floats, control: Floats, measurement: Floats, holds: Floats) -> tuple[Floats, Floats]:
     """The numbers that explain a record best, near a start, and what they leave."""
     inertia, size = math.exp(start[0]), start[3]
     scale = np.array([0.3, max(start[1], 0.1 * inertia), max(start[2], 0.1 * size / np.ptp(measurement)), size, size])
     low = np.array([-np.inf, 0.0, 0.0, 0.0, -np.inf])
 
     def residual(x: Floats) -> Floats:
-        return _residual(x[None], control, measurement, h)[:, 0]
+        return _residual(x[None], control, measurement, holds)[:, 0]
 
     def jacobian(x: Floats) -> Floats:
         nudged = np.vstack([x, x + _NUDGE * np.diag(scale)])
-        seen = _residual(nudged, control, measurement, h)
+        seen = _residual(nudged, control, measurement, holds)
         return np.asarray((seen[:, 1:] - seen[:, :1]) / (_NUDGE * scale))
 
     inside = np.maximum(start, low + 1e-6 * scale)
@@ -201,7 +209,7 @@ def _fitted(start: Floats, control: Floats, measurement: Floats, h: float) -> tu
     return found.x, found.fun
 
 
-def _residual(numbers: Floats, control: Floats, measurement: Floats, h: float) -> Floats:
+def _residual(numbers: Floats, control: Floats, measurement: Floats, holds: Floats) -> Floats:
     """What bodies leave of a measurement, whose zero is free, shape (n, m)."""
-    left = moved(numbers, control, h)[0] - measurement[:, None]
+    left = moved(numbers, control, holds)[0] - measurement[:, None]
     return np.asarray(np.nan_to_num(left - left.mean(axis=0), nan=1e100, posinf=1e100, neginf=-1e100))
