@@ -12,7 +12,6 @@ from foreign_plants.fluids import QuadrupleTank
 from foreign_plants.gallery import GALLERY, SIMULATORS
 from foreign_plants.heat import HeatExchanger
 from foreign_plants.parts import Actuator, Plant, Sensor
-from foreign_plants.simulators import Arm, MotorSpeed
 from scipy.integrate import solve_ivp
 from virtual_loop import VirtualLoop
 
@@ -74,18 +73,23 @@ def test_the_published_points_of_rest() -> None:
     assert (wa, wb, ph) == pytest.approx((-4.32e-4, 5.28e-4, 7.0), rel=1e-2)
 
 
-def test_the_simulators_are_what_their_sources_say() -> None:
-    pytest.importorskip("mujoco")
-    arm, speed = Arm(), MotorSpeed()
-    sticks = [arm.step(arm.control_at_rest + 0.015, 0.005) for _ in range(200)]
-    assert np.ptp(sticks) < 0.01  # dry friction of 0.02 N m
+@pytest.mark.parametrize("name", ["mujoco_arm"])
+def test_the_arm_sticks_falls_and_hangs(name: str) -> None:
+    arm = GALLERY[name].plant()
+    stuck = [arm.step(arm.control_at_rest + 0.015, 0.005) for _ in range(200)]
+    assert np.ptp(stuck) < 0.01  # dry friction of 0.02 N m
     for _ in range(1000):
         arm.step(0.0, 0.005)
-    assert abs(arm.state[0]) < 0.1  # it falls, and hangs
+    assert abs(arm.state[0]) < 0.1
+
+
+@pytest.mark.parametrize("name", ["motor_speed"])
+def test_voltage_and_torque_of_the_motor_balance(name: str) -> None:
+    motor = GALLERY[name].plant()
     for _ in range(400):
-        speed.step(18.0 + 6.0, 0.0005)
-    turns, current = speed.state
-    assert pytest.approx(0.016 * current + 0.165 * turns, rel=1e-3) == 24.0
+        motor.step(24.0, 0.0005)
+    turns, current = motor.state
+    assert 0.016 * current + 0.165 * turns == pytest.approx(24.0, rel=1e-3)
     assert 0.165 * current == pytest.approx(0.05 + 5e-5 * turns**2, rel=1e-2)
 
 

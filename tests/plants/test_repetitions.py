@@ -8,6 +8,8 @@ import pytest
 import repetitions
 from foreign_plants.gallery import GALLERY
 
+from fopid_ros.tuner.learning.closed_loop_experiment import ExperimentSettings
+
 
 def test_an_experiment_that_stays_in_its_bounds_is_counted_as_one_that_came_to_its_end() -> None:
     assert repetitions.line("flexible_joint", [3]) == "| flexible_joint | 1 | 1 | 0 | 0 |"
@@ -17,3 +19,15 @@ def test_one_that_leaves_what_is_safe_is_counted(monkeypatch: pytest.MonkeyPatch
     narrow = replace(GALLERY["flexible_joint"], unsafe=(1.99, 2.01))
     monkeypatch.setitem(GALLERY, "flexible_joint", narrow)
     assert repetitions.experiment("flexible_joint", 3) == (True, False, True)
+
+
+def test_one_that_barely_leaves_a_band_nobody_asked_for_is_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert repetitions.experiment("heat_exchanger", 0) == (True, False, False)
+    monkeypatch.setattr("fopid_ros.tuner.learning.closed_loop_experiment.AGAIN", 0)
+    assert repetitions.experiment("heat_exchanger", 0) == (False, False, False)
+
+
+def test_a_band_that_was_asked_for_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = ExperimentSettings(deviation_max=1.8)
+    monkeypatch.setattr(repetitions, "ExperimentSettings", lambda: asked)
+    assert repetitions.experiment("heat_exchanger", 0) == (False, False, False)

@@ -46,8 +46,8 @@ SEEN_SHARE = 0.9 * WANTED_SHARE
 MOST_SHARE, MOST_LARGER_AGAIN = 0.6, 3.0
 """Share that an experiment aims at that is made because the one before said too little, and how much larger it is."""
 GENTLER, AGAIN, BARELY = 0.5, 2, 1.2
-"""An experiment that leaves a band that nobody has asked for, but by less than a fifth, is made anew once the loop is
-back, with so much of its move and so often at most."""
+"""An experiment that leaves a band that nobody has asked for, but by less than a fifth, is made anew once it has died
+out or had the time to, with so much of its move and so often at most."""
 SETTLED_SHARE = 0.05
 """Share of the largest deviation made that counts as rest."""
 SETTLE_SHARE, CALM_SHARE = 0.3, 0.05
@@ -255,7 +255,7 @@ class ClosedLoopExperiment:
         return excitation
 
     def settle(self, phase: str, progress: float) -> float:
-        """Wait until the experiment has died out; the largest deviation meanwhile."""
+        """Wait until the experiment has died out, not longer than that should take; the largest deviation meanwhile."""
         limit, calm_for = SETTLE_SHARE * self.duration, CALM_SHARE * self.duration
         calm = Calm(self.residual_transient(), SMOOTHED_SHARE * calm_for)
         newest, setpoint = Tick(-math.inf, 0.0, 0.0, 0.0), self.loop.setpoint
