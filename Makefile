@@ -26,8 +26,9 @@ export PROCESS
 WORKERS := $(shell echo $$((2 * $$(nproc))))
 PYTEST = "$(BIN)/python" -m pytest --numprocesses $(WORKERS) --dist loadfile
 
-# `make reliability`: the share of its work that is done, where its figures go, and how many loops run side by side.
+# The share of their work that campaigns do: those of `make reliability` and the longest of `make test-slow`.
 SHARE := 1
+# `make reliability`: where its figures go, and how many loops run side by side.
 PAGE := docs/reliability.md
 LOOPS_AT_ONCE := 4
 
@@ -48,9 +49,9 @@ test: venv ## Run the fast tests [ARGS='-k name']
 	@$(PYTEST) $(ARGS)
 
 .PHONY: test-slow
-test-slow: venv ## Run the tests marked slow [ARGS='-k name']
-	@core=0; $(PYTEST) --numprocesses auto -m 'slow and not (ros or colcon or reliability)' $(ARGS) || core=$$?; \
-	ros=0; $(PYTEST) -m 'slow and ros and not (colcon or reliability)' $(ARGS) || ros=$$?; \
+test-slow: venv ## Run the tests marked slow [ARGS='-k name' SHARE=0.3]
+	@export SHARE=$(SHARE); core=0; $(PYTEST) --timeout 900 --numprocesses auto -m 'slow and not (ros or colcon or reliability)' $(ARGS) || core=$$?; \
+	ros=0; $(PYTEST) --timeout 900 -m 'slow and ros and not (colcon or reliability)' $(ARGS) || ros=$$?; \
 	[[ "$$core $$ros" =~ ^(0 [05]|5 0)$$ ]]  # 5: none of them was asked for
 
 .PHONY: test-all

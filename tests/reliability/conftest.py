@@ -12,12 +12,11 @@ import pytest
 
 from ..ros.conftest import Graph
 from ..ros.conftest import graph as graph  # the fixture
+from ..share import SHARE
 from .rig import Rig
 
 HERE = Path(__file__).parent
 FIGURES = Path(os.environ.get("FOPID_FIGURES", HERE.parents[1] / "build/reliability"))
-SHARE = float(os.environ.get("SHARE") or 1.0)
-"""Of the whole suite: 1 takes under an hour on two cores."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -26,11 +25,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if HERE in item.path.parents and not any(name in item.path.name for name in ("record", "cable")):
             item.add_marker(pytest.mark.reliability)
             item.add_marker(pytest.mark.timeout(3600))
-
-
-def share_of(count: int) -> int:
-    """As many of ``count`` as this run's share asks for, 1 at least."""
-    return max(1, round(SHARE * count))
 
 
 @pytest.fixture

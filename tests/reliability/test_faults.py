@@ -21,7 +21,7 @@ from fopid_msgs.msg import ScalarStamped
 from fopid_ros.controller.retained import Retainer
 
 from ..ros.conftest import Graph
-from .conftest import share_of
+from ..share import share_of
 from .record import outside_limits, settled_at
 from .rig import GAINS, LIMITS, SETPOINT, STATE, Rig
 

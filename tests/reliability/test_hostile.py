@@ -18,7 +18,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
 from std_srvs.srv import SetBool
 
-from .conftest import share_of
+from ..share import share_of
 from .odd import NUMBERS, TEXTS
 from .record import outside_limits, settled_at
 from .rig import LIMITS, SETPOINT, Rig

@@ -22,7 +22,7 @@ from fopid_core.model.stability import stability
 from fopid_msgs.action import Autotune
 from fopid_msgs.srv import Tune
 
-from .conftest import share_of
+from ..share import share_of
 from .record import gone_at, longest_silence, outside_limits, settled_at
 from .rig import LIMITS, PROCESS, SETPOINT, STATE, Rig
 
@@ -81,14 +81,14 @@ class Campaign:
         began = time.monotonic()
         asked, goal = self._begin(work)
         self.graph.spin(self.draw.uniform(0.0, LONGEST[work]))
-        struck, back = self._strike(blow)
+        struck, ended, back = self._strike(blow)
         what = f"{work}, {blow} of {self.victim} at {struck:.3f}"
         settled = rig.wait(
             lambda: settled_at(rig.samples("measurement", back), SETPOINT, BAND, 0.3)
             if rig.samples("control", back) else None, f"the loop is back after {what}", BACK,
         )  # fmt: skip
         self.tally.recovered.append(max(0.0, settled - back))
-        self._addend_is_gone(struck, blow, what)
+        self._addend_is_gone(ended, blow, what)
         self._end(asked, goal, answers=self.victim != "fopid_tuner" or blow == "stop", what=what)
         self._gains_are_as_promised(before, work, what)
         self._controls_are_within_limits(began, what)
@@ -118,9 +118,10 @@ class Campaign:
             self.graph.spin(0.5)
         raise AssertionError(f"no tuner accepts a goal; logs: {self.rig.logs()}")
 
-    def _strike(self, blow: str) -> tuple[float, float]:
-        """When it was struck, and from when on it is there again [s]."""
-        node, struck = self.rig.nodes[self.victim], time.monotonic()
+    def _strike(self, blow: str) -> tuple[float, float, float]:
+        """When it was struck, when it had ended, and from when on it is there again [s]."""
+        node = self.rig.nodes[self.victim]
+        struck = ended = time.monotonic()
         if blow == "stop":
             node.send_signal(signal.SIGSTOP)
             self.graph.spin(self.draw.uniform(0.1, 3.0))
@@ -128,22 +129,24 @@ class Campaign:
         else:
             node.kill() if blow == "kill" else node.terminate()
             node.wait(15)
+            ended = time.monotonic()
             self.graph.spin(self.draw.uniform(0.0, 1.0))
             self.rig.start(self.victim)
-        return struck, time.monotonic()
+        return struck, ended, time.monotonic()
 
-    def _addend_is_gone(self, struck: float, blow: str, what: str) -> None:
-        """What the dead tuner added to the control has faded."""
+    def _addend_is_gone(self, ended: float, blow: str, what: str) -> None:
+        """What the dead tuner added to the control has faded; while a controller has no turn it cannot fade."""
         if self.victim != "fopid_tuner" or blow == "stop":
             return
         rig = self.rig
-        rig.wait(lambda: rig.samples(STATE, struck + ADDEND_GONE), f"a state after {what}", BACK)
-        addends = rig.samples(STATE, struck)
+        rig.wait(lambda: rig.samples(STATE, ended + ADDEND_GONE), f"a state after {what}", BACK)
+        addends = rig.samples(STATE, ended)
         gone = gone_at(addends)
         assert gone is not None, what
         if addends[0][1]:
-            self.tally.addends.append(gone - struck)
-            assert gone - struck < ADDEND_GONE, what
+            self.tally.addends.append(gone - ended)
+            ticks = [time for time, _ in addends if time <= gone]
+            assert gone - ended < ADDEND_GONE + longest_silence([ended, *ticks]), what
 
     def _end(self, asked: Future | None, goal: Any, *, answers: bool, what: str) -> None:
         """Nothing goes on into the next instant: a tuner that has lived through the blow gives its answer first."""

@@ -24,7 +24,7 @@ from fopid_ros.benchmarks.cpu import cpu_seconds
 from fopid_ros.benchmarks.idle import memory
 
 from ..ros.conftest import SETTLE, Graph
-from .conftest import SHARE, share_of
+from ..share import SHARE, share_of
 from .record import Record, outside_limits
 from .rig import FLOAT, GAINS, LIMITS, PROCESS, SETPOINT, SIGNAL_TYPES, Rig
 

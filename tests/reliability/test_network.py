@@ -18,8 +18,8 @@ import pytest
 
 from fopid_ros.experiment.child_processes import ros_arguments
 
+from ..share import SHARE
 from .cable import Impairment
-from .conftest import SHARE
 from .record import Record, outside_limits
 from .rig import FLOAT, GAINS, LIMITS, OBSERVED, PROCESS, SIGNAL_TYPES, STATE
 

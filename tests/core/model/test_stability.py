@@ -22,6 +22,8 @@ from fopid_core.model.process import Process, read_process
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 from fopid_core.model.stability import process_stability, stability, stable_mask
 
+from ...share import share_of
+
 NEAR = 1e-6  # closer to the axis than this, relative to its size, an oracle's root proves nothing
 Case = tuple[Loop, int, bool]
 """A loop, its number of unstable poles, and whether that is beyond doubt."""
@@ -166,7 +168,7 @@ def test_the_verdict_agrees_with_an_independent_test(family: str) -> None:
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_verdict_agrees_on_ten_thousand_loops_of_each_kind(family: str) -> None:
-    check_agreement(family, 10_000)
+    check_agreement(family, share_of(10_000))
 
 
 @pytest.mark.parametrize(("kp", "unstable"), [(8.0 - 1e-5, 0), (8.0 + 1e-5, 2)])

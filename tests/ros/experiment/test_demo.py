@@ -37,7 +37,7 @@ def test_demo_tunes_twice_records_and_reports(tmp_path: Path, process: str) -> N
     out = tmp_path / "run"
     with own_domain() as domain:
         ended = subprocess.run([BIN / "fopid_demo", "--process", process, "--out", out], env=environment(domain),
-                               capture_output=True, text=True, timeout=100, check=False)  # fmt: skip
+                               capture_output=True, text=True, timeout=250, check=False)  # fmt: skip
     assert ended.returncode == 0, ended.stderr
     for word in ("frequency", "time", "IAE", "ITAE", "Ms", "report.html"):
         assert word in ended.stdout, ended.stdout
@@ -200,7 +200,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
     limited = f"unset COVERAGE_PROCESS_CONFIG; ulimit -f 300; exec {demo}"
     with own_domain() as domain:
         ended = subprocess.run(["bash", "-c", limited], env=environment(domain), capture_output=True, text=True,
-                               timeout=100, check=False)  # fmt: skip
+                               timeout=250, check=False)  # fmt: skip
     assert "recording stopped" in ended.stderr, ended.stderr
     assert "report" in ended.stderr.splitlines()[-1]  # it does not fit either, and that is said
     assert "Traceback" not in ended.stderr, ended.stderr

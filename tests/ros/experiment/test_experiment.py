@@ -64,7 +64,7 @@ def run(experiment: Experiment, folder: Path, *more: str) -> subprocess.Complete
     with own_domain() as domain:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         return subprocess.run([BIN / "experiment", file, "--start-nodes", "--out", folder / "run", *more],
-                              env=environment, capture_output=True, text=True, timeout=110, check=False)  # fmt: skip
+                              env=environment, capture_output=True, text=True, timeout=250, check=False)  # fmt: skip
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def test_the_nodes_give_the_offline_figures(graph: Graph, tmp_path: Path) -> Non
     graph.start("fopid_controller", {**common, **experiment.gains})
     out = tmp_path / "run"
     ended = subprocess.run([BIN / "experiment", FILE, "--out", out, "--no-report"], env=graph.environment,
-                           capture_output=True, text=True, timeout=100, check=False)  # fmt: skip
+                           capture_output=True, text=True, timeout=250, check=False)  # fmt: skip
     assert ended.returncode == 0, ended.stderr + graph.logs()
 
     run, expected = read_bag(out / "bag"), offline(experiment)

@@ -306,7 +306,7 @@ def test_a_recorder_that_stalls_loses_nothing_of_a_loop_at_full_speed(graph: Gra
         process.send_signal(signal.SIGSTOP)
         graph.spin(2.0)
         process.send_signal(signal.SIGCONT)
-    _, told = process.communicate(timeout=120)
+    _, told = process.communicate(timeout=250)
     assert process.returncode == 0, told
     run = read_bag(tmp_path / "run" / "bag")
     assert {name: (found.expected, found.missing) for name, found in samples(run).items()} == dict.fromkeys(

@@ -70,7 +70,7 @@ def experiment(graph: Graph, folder: Path, path: str) -> subprocess.CompletedPro
     (folder / "step.yaml").write_text(STEP)
     command = [sys.executable, "-c", EXPERIMENT, folder / "step.yaml", "--out", folder / "run"]
     return subprocess.run([*command, "--ros-args", "-r", "__ns:=/a"], env={**graph.environment, "PATH": path},
-                          capture_output=True, text=True, timeout=100, check=False)  # fmt: skip
+                          capture_output=True, text=True, timeout=250, check=False)  # fmt: skip
 
 
 def test_what_may_be_missing_is_what_the_extra_brings() -> None:

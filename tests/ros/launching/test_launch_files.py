@@ -134,7 +134,7 @@ def launch(graph: Graph, file: str, *arguments: str) -> subprocess.CompletedProc
     )
     command = [sys.executable, "-c", code, str(FOLDER / file), *arguments]
     return subprocess.run(command, env=graph.environment, stdout=subprocess.PIPE,
-                          stderr=subprocess.STDOUT, text=True, timeout=100, check=False)  # fmt: skip
+                          stderr=subprocess.STDOUT, text=True, timeout=250, check=False)  # fmt: skip
 
 
 @needs_launch

@@ -21,6 +21,8 @@ from fopid_core.design.certificate.prover import certify
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
 
+from ....share import share_of
+
 LOOPS = (
     ("P1", Fopid(2.9692, 0.8028, 1.3394, 1.0138, 0.6074), Bounds(2.2, 1.7, 60.0, 300.0)),
     ("P2", Fopid(0.4, 0.5, 0.3), Bounds(1.6, 1.2)),
@@ -139,12 +141,12 @@ def accepted_but_false(content: dict[str, Any], chance: random.Random, count: in
 def test_ten_thousand_corruptions_are_rejected_and_with_a_new_seal_only_true_ones_pass() -> None:
     chance = random.Random(2)
     contents = [certificate(which) for which in range(len(LOOPS))]
-    for _ in range(10_000):
+    for _ in range(share_of(10_000)):
         content = chance.choice(contents)
         changed = corrupted(content, chance)
         assert changed == content or check(json.dumps(changed)), changed
     for content in contents:
-        assert accepted_but_false(content, chance, 2000) == []
+        assert accepted_but_false(content, chance, share_of(2000)) == []
 
 
 @pytest.mark.parametrize(
