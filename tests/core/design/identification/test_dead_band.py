@@ -68,8 +68,13 @@ def recorded(
     return Record(TICK * np.arange(count), np.array(controls), np.array(measured))
 
 
+def slow(*values: object) -> list[object]:
+    """Cases for ``make test-slow``."""
+    return [pytest.param(value, marks=pytest.mark.slow) for value in values]
+
+
 @pytest.mark.parametrize("integrates", [False, True])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *slow(1, 2)])
 def test_play_is_learnt_and_the_process_behind_it(seed: int, integrates: bool) -> None:
     record = recorded(play(0.1), seed, integrates=integrates)
     found = identify(record, noise=LEVEL)
@@ -94,7 +99,7 @@ def test_long_records_show_it_as_well_unless_they_are_averaged(count: int, expec
     assert found.flaws.dead_band == pytest.approx(expected, rel=0.05)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [0, 1, *slow(2, 3, 4, 5)])
 def test_stiction_is_told_from_play(seed: int) -> None:
     found = identify(recorded(stick(0.15), seed), noise=LEVEL)
     assert found.flaws.dead_band == pytest.approx(0.15, rel=0.02)
@@ -102,7 +107,7 @@ def test_stiction_is_told_from_play(seed: int) -> None:
     assert "the actuator sticks within 0.1" in found.message
 
 
-@pytest.mark.parametrize("noise", ["white", "slow", "hum", "coarse", "load"])
+@pytest.mark.parametrize("noise", ["white", "coarse", "load", *slow("slow", "hum")])
 @pytest.mark.parametrize("integrates", [False, True])
 def test_where_there_is_none_none_is_found(noise: str, integrates: bool) -> None:
     for seed in range(3):
