@@ -143,7 +143,7 @@ def test_all_that_the_measurement_does_at_rest_counts_and_white_noise_as_before(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("seen", "load", "setpoint"),
     [(exhibit(Heater), 0.4, 0.7), (exhibit(StrongHum), 0.4, 0.7),

@@ -205,7 +205,7 @@ def test_what_cannot_be_done_is_named_and_nothing_moves(loops: Any) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     ("kind", "gains", "process"),
     [
@@ -243,7 +243,7 @@ def test_a_plant_that_does_not_answer_is_refused(loops: Any) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(600)
 def test_gains_are_handed_over_with_a_proof_for_all_that_the_record_leaves_possible(loops: Any) -> None:
     loop = loops("reversed", {"kp": -0.5, "ki": -1.0}, **{"verify.region": "ellipsoid", "verify.worst_ms_max": 2.5})
     loop.until_at_rest()

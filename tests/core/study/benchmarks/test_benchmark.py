@@ -67,7 +67,7 @@ def test_the_baselines_tuning_keeps_the_bounds(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(900)
 def test_every_figure_of_the_performance_table_is_measured() -> None:
     result = invoke(["benchmark", "--quick", "--json"])
     assert result.exit_code == 0

@@ -75,7 +75,7 @@ def test_new_gains_are_designed_for_the_noise_of_the_record_also_where_it_never_
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(600)
 def test_a_process_whose_gain_doubles_and_whose_delay_grows_is_retuned_for(working: Any) -> None:
     loop = working(adapt="apply")
     assert "known now" in loop.until_told(1).message
@@ -95,7 +95,7 @@ def test_a_process_whose_gain_doubles_and_whose_delay_grows_is_retuned_for(worki
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(600)
 def test_a_tuner_that_may_only_propose_leaves_the_gains_alone(working: Any) -> None:
     loop = working(adapt="propose")
     loop.until_told(1)
