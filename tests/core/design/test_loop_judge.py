@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fopid_core.design.loop_judge import AHEAD, AHEAD_IN_NOISE, LoopJudge, RunningGains
+from fopid_core.design.loop_judge import AHEAD, AHEAD_IN_NOISE, ALIKE, BEHIND, LoopJudge, RunningGains
 from fopid_core.design.loop_worth import LoopWorth
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.indices import indices
@@ -75,6 +75,15 @@ def test_the_rule_that_leaves_least_after_a_load_is_the_mark(judge: LoopJudge) -
     assert judge.noise_gain_aim == pytest.approx(AHEAD_IN_NOISE * RULE.noise_gain)
 
 
+def test_of_rules_that_leave_about_as_much_the_quietest_says_how_much_movement_that_takes(judge: LoopJudge) -> None:
+    least = replace(RULE, load=0.4, noise_gain=4.0)
+    judge.note_textbook(least)
+    assert judge.textbook == least
+    assert judge.noise_gain_aim == pytest.approx(AHEAD_IN_NOISE * RULE.noise_gain)
+    judge.note_textbook(replace(RULE, load=RULE.load / ALIKE - 1e-3, noise_gain=3.0))
+    assert judge.noise_gain_aim == pytest.approx(AHEAD_IN_NOISE * 3.0), "one that leaves half as much again is no match"
+
+
 def test_a_rule_that_hardly_moves_the_control_does_not_hold_designs_back(alone: LoopJudge) -> None:
     for share, aim in ((0.1, 0.1), (0.5, 0.3)):  # of what is allowed
         judge = copy.copy(alone)
@@ -99,16 +108,16 @@ def test_where_both_leave_less_than_the_rule_half_the_movement_is_worth_some_err
 
 
 def test_what_no_design_reaches_is_no_aim(judge: LoopJudge) -> None:
-    """The rule's own error then; and where none reaches that either, a quarter more than the best leaves."""
+    """The rule's own error then; and where none reaches that either, a ninth more than the best leaves."""
     lively = replace(RULE, noise_gain=judge.noise_gain_aim)
-    for least, aim in ((0.3, AHEAD * RULE.load), (0.9 * RULE.load, RULE.load), (1.2 * RULE.load, 1.5 * RULE.load)):
+    for least, aim in ((0.3, AHEAD * RULE.load), (0.9 * RULE.load, RULE.load), (1.2 * RULE.load, 1.2 * RULE.load / BEHIND)):
         judge.note_reach([replace(lively, load=load) for load in (2.0 * least, least)])
         assert judge.load_aim == pytest.approx(aim)
         within, beyond = (replace(lively, load=share * aim) for share in (0.99, 1.01))
         assert judge.score(replace(within, noise_gain=0.5 * lively.noise_gain)) < judge.score(within)
         assert judge.score(replace(beyond, noise_gain=0.5 * lively.noise_gain)) == judge.score(beyond)
     judge.note_reach([replace(lively, load=0.6), replace(lively, load=0.1, ms=2.3)])
-    assert judge.load_aim == pytest.approx(0.75), "a design beyond the limit on max |S| reaches nothing"
+    assert judge.load_aim == pytest.approx(0.6 / BEHIND), "a design beyond the limit on max |S| reaches nothing"
 
 
 def test_more_movement_than_the_rules_counts_as_much_as_more_error_than_theirs(judge: LoopJudge) -> None:

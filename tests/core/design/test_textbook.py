@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fopid_core.design.rules import Foptd, simc_pi
-from fopid_core.design.textbook import INTEGRATES, read_lag, textbook_loops
+from fopid_core.design.textbook import INTEGRATES, RULE_FILTER, SLOWER, TwoLags, read_lag, read_two_lags, simc_pid, textbook_loops
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
 from fopid_core.model.process import Process
@@ -40,11 +40,13 @@ def test_rules_hold_an_integrator_with_the_margins_of_the_textbooks() -> None:
     """Skogestad (2003), table 4: an integrating process has Ms 1.70; slower is calmer."""
     loops = list(textbook_loops(Process.parse("1e5/(1e5s+1)*exp(-2s)"), 0.2))
     found = [Loop(Process.parse("1/s*exp(-2s)"), controller, slow) for controller, slow in loops]
-    assert len(found) == 9
+    assert len(found) == 2 + 2 * len(SLOWER)
     assert all(stability(loop).stable for loop in found)
     ms = [margins(loop).ms for loop in found]
-    assert ms[2] == pytest.approx(1.70, abs=0.02)
-    assert ms[3:6] == sorted(ms[3:6], reverse=True)
+    pi, pid = ms[2::2], ms[3::2]
+    assert pi[0] == pytest.approx(1.70, abs=0.02)
+    assert pid[0] == pytest.approx(1.70, abs=0.05), "without a second lag the PID is the PI"
+    assert all(each == sorted(each, reverse=True) for each in (pi, pid))
     assert ms[1] == pytest.approx(1.4, abs=0.1), "AMIGO was made for 1.4"
 
 
@@ -63,3 +65,25 @@ def test_the_limit_of_the_rules_for_an_integrator_is_reached() -> None:
     near, far = (simc_pi(Foptd(lag, lag, 1.0)) for lag in (INTEGRATES, 1e9))
     assert near.gains[:2] == pytest.approx(far.gains[:2], rel=0.01)
     assert math.isclose(far.kp, 0.5)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("slow", "fast", "delay"), [(20.0, 4.0, 1.0), (1e4, 3.0, 2.0), (5.0, 5.0, 0.5), (6.0, 0.5, 4.0)])
+def test_two_lags_are_read_about_the_crossover(sign: float, slow: float, fast: float, delay: float) -> None:
+    process = Process.parse(f"{sign:g}*2/(({slow:g}s+1)({fast:g}s+1))*exp(-{delay:g}s)")
+    read = read_two_lags(process, 0.2)
+    assert read.gain / read.slow == pytest.approx(sign * 2.0 / slow, rel=1e-3)
+    assert (read.fast, read.delay) == pytest.approx((fast, delay), rel=1e-2)
+
+
+def test_lags_beyond_the_second_are_read_as_half_of_them_and_delay() -> None:
+    """The half rule by hand, Skogestad (2003), example 1: 1/((s+1)(0.2s+1)(0.04s+1)(0.008s+1)), lags 1, 0.22, delay 0.028."""
+    read = read_two_lags(Process.parse("1/((s+1)(0.2s+1)(0.04s+1)(0.008s+1))"), 5.0)
+    assert read.slow == pytest.approx(1.0, rel=0.02)
+    assert 0.2 <= read.fast <= 0.24 and 0.02 <= read.delay <= 0.048
+
+
+def test_without_a_delay_half_the_second_lag_bounds_the_gain_of_a_pid() -> None:
+    gains, slow = simc_pid(TwoLags(2.0, 10.0, 4.0, 0.0))
+    assert gains == simc_pid(TwoLags(2.0, 10.0, 4.0, 2.0))[0]
+    assert (slow.order, slow.time) == (1, pytest.approx(RULE_FILTER * 4.0))

@@ -33,6 +33,12 @@ AHEAD, AHEAD_IN_NOISE, SHORT_WEIGHT = 0.8, 0.6, 2.0
 """Of the rule of the textbooks with the least load error on the learnt process: the share of that error, and of its
 movement, that is aimed at, which is known less well; and how much more than other errors it counts to leave or to
 move more than that."""
+ALIKE = 1.1
+"""Rules that leave up to so many times the least error after a load on the learnt process may leave the least on the
+plant."""
+BEHIND = 0.9
+"""Where no design reaches that share: of what is aimed at then the best of them leaves so much, and little is given for
+quiet."""
 _LEAST, _ROUNDING = 1e-9, 1e-3
 
 
@@ -96,7 +102,7 @@ class LoopJudge:
         is made for white noise."""
         allowed = running.control_movement / running.noise if running.noise > 0.0 else math.inf
         self.noise_gain_max, self._quietest = max(allowed, old, _LEAST), max(old, _LEAST)
-        self.textbook: LoopWorth | None = None
+        self._rules: tuple[LoopWorth, ...] = ()
         self._least_load = 0.0
         self.control_peak = running.control_peak if math.isfinite(running.control_peak) else None
         self.control_rate = running.control_rate if math.isfinite(running.control_rate) else None
@@ -113,9 +119,14 @@ class LoopJudge:
         return self._judged[loop]
 
     def note_textbook(self, rule: LoopWorth) -> None:
-        """Take a rule for what to beat, if it is within the limit on max |S| and leaves less error after a load."""
-        if rule.ms <= self._ms_max and rule.load < (self.textbook or self.worth(self.runs)).load:
-            self.textbook = rule
+        """Take a rule as one to beat, if it is within the limit on max |S| and leaves less error than what runs."""
+        if rule.ms <= self._ms_max and rule.load < self.worth(self.runs).load:
+            self._rules += (rule,)
+
+    @property
+    def textbook(self) -> LoopWorth | None:
+        """The rule with the least error after a load; None where what runs leaves less than all."""
+        return min(self._rules, key=lambda rule: rule.load, default=None)
 
     def note_reach(self, found: Iterable[LoopWorth]) -> None:
         """Take designs that may be used for all that can be had: what none of them reaches is no aim."""
@@ -123,23 +134,25 @@ class LoopJudge:
 
     @property
     def load_aim(self) -> float:
-        """A share of the textbook's error after a load; where nothing reaches that, the whole; then that of the best.
+        """A share of the textbook's error after a load; where nothing reaches that, a little more than the least there is.
 
-        Nothing is aimed at without a textbook (infinite).
+        That is no more than the textbook's own where one leaves less. Nothing is aimed at without a textbook (infinite).
         """
         if self.textbook is None:
             return math.inf
-        aim, least = AHEAD * self.textbook.load, self._least_load
-        if least > self.textbook.load:
-            return least / AHEAD
-        return self.textbook.load if least > aim else aim
+        rule, reached = self.textbook.load, self._least_load / BEHIND
+        return max(AHEAD * rule, min(reached, rule) if self._least_load <= rule else reached)
 
     @property
     def noise_gain_aim(self) -> float:
-        """What is allowed of the noise gain, and no more than the textbook needs, unless that hardly moves it."""
+        """What is allowed of the noise gain, and no more than the textbook needs, unless that hardly moves it.
+
+        Of rules that leave about as much, the quietest says that: on the plant itself it may be the best.
+        """
         if self.textbook is None or math.isinf(self.noise_gain_max):
             return self.noise_gain_max
-        aim = max(AHEAD_IN_NOISE * self.textbook.noise_gain, HARDLY_MOVES * self.noise_gain_max)
+        quietest = min(rule.noise_gain for rule in self._rules if rule.load <= ALIKE * self.textbook.load)
+        aim = max(AHEAD_IN_NOISE * quietest, HARDLY_MOVES * self.noise_gain_max)
         return max(min(aim, self.noise_gain_max), self._quietest)
 
     @property
