@@ -110,7 +110,11 @@ def test_where_both_leave_less_than_the_rule_half_the_movement_is_worth_some_err
 def test_what_no_design_reaches_is_no_aim(judge: LoopJudge) -> None:
     """The rule's own error then; and where none reaches that either, a ninth more than the best leaves."""
     lively = replace(RULE, noise_gain=judge.noise_gain_aim)
-    for least, aim in ((0.3, AHEAD * RULE.load), (0.9 * RULE.load, RULE.load), (1.2 * RULE.load, 1.2 * RULE.load / BEHIND)):
+    for least, aim in (
+        (0.3, AHEAD * RULE.load),
+        (0.9 * RULE.load, RULE.load),
+        (1.2 * RULE.load, 1.2 * RULE.load / BEHIND),
+    ):
         judge.note_reach([replace(lively, load=load) for load in (2.0 * least, least)])
         assert judge.load_aim == pytest.approx(aim)
         within, beyond = (replace(lively, load=share * aim) for share in (0.99, 1.01))

@@ -98,12 +98,15 @@ class Improvement:
         The best, or what came nearest.
     candidates : tuple of Candidate
         One of each method that was tried, the best first, those that may not be used last.
+    held_back : bool
+        The record does not show the process's slow end, and gains were searched in ranges for that.
     """
 
     success: bool
     message: str
     tuned: RobustTuning
     candidates: tuple[Candidate, ...] = ()
+    held_back: bool = False
 
 
 def improve(
@@ -165,8 +168,9 @@ def improve(
         return Improvement(False, told, first.tuned, candidates)
     _, tuned, wanted = best
     parts = [tuned.message, judge.told(tuned, wanted.rule or wanted.method)]
-    parts += [UNSEEN_END] * bool(_box(identified, judge)) + [RUNS_AWAY] * identified.best.structure.runs_away
-    return Improvement(True, "; ".join(parts), tuned, candidates)
+    held_back = bool(_box(identified, judge))
+    parts += [UNSEEN_END] * held_back + [RUNS_AWAY] * identified.best.structure.runs_away
+    return Improvement(True, "; ".join(parts), tuned, candidates, held_back)
 
 
 def _and_its_flaws(
@@ -332,7 +336,8 @@ def _box(identified: IdentificationResult, judge: LoopJudge) -> dict[str, tuple[
     steady = best.process.steady_state_gain
     if abs(steady) < UNSEEN * abs(at_work):
         return {}
-    sign, now = math.copysign(1.0, steady), abs(complex(judge.running.gains(1j * w)))
+    began_with = judge.running.began_with or judge.running.gains
+    sign, now = math.copysign(1.0, steady), abs(complex(began_with(1j * w)))
     gain = min(LARGEST / abs(at_work), LARGEST_STEP * now or math.inf)
     most = {"kp": gain, "ki": gain * w, "kd": gain / w}
     return {name: (min(0.0, sign * value), max(0.0, sign * value)) for name, value in most.items()}

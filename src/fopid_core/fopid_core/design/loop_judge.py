@@ -63,6 +63,8 @@ class RunningGains:
         Of the measurement and of the setpoint, that run with the gains.
     spectrum : NoiseSpectrum or None
         Of that noise; None where it may be white.
+    began_with : Fopid or None
+        The gains before the first round of a tuning; None where that is this one.
     """
 
     gains: Fopid
@@ -73,6 +75,7 @@ class RunningGains:
     filter: MeasurementFilter = NO_FILTER
     weights: SetpointWeights = WHOLE_SETPOINT
     spectrum: NoiseSpectrum | None = None
+    began_with: Fopid | None = None
 
 
 class LoopJudge:
@@ -134,9 +137,9 @@ class LoopJudge:
 
     @property
     def load_aim(self) -> float:
-        """A share of the textbook's error after a load; where nothing reaches that, a little more than the least there is.
+        """A share of the textbook's error after a load; where nothing reaches that, a little more than the least.
 
-        That is no more than the textbook's own where one leaves less. Nothing is aimed at without a textbook (infinite).
+        That is no more than the textbook's own where one leaves less. Without a textbook nothing is aimed at (infinite).
         """
         if self.textbook is None:
             return math.inf

@@ -93,7 +93,8 @@ def autotune_request(goal: Autotune.Goal, defaults: dict[str, Any]) -> AutotuneR
     wanted = criteria(tuning, defaults, compare=not goal.method)
     trial = trial_of(goal, defaults)
     chosen["until_known"] = defaults["autotune.until_known"]
-    return AutotuneRequest(ExperimentSettings(**chosen), template, wanted, goal.propose_only, trial)
+    second = defaults["autotune.second_round"]
+    return AutotuneRequest(ExperimentSettings(**chosen), template, wanted, goal.propose_only, trial, second)
 
 
 def trial_of(goal: Autotune.Goal, defaults: dict[str, Any]) -> Trial | None:

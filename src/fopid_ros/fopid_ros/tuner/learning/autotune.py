@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fopid_core.design.identification.identify import identify
 from fopid_core.design.response_verification import contradicts_rest
 from fopid_core.design.sufficiency import Sufficiency
+from fopid_core.errors import InputError
 from fopid_core.runtime.performance_monitor import LoopPerformance
 from fopid_ros.tuner.controller_client import ControllerClient
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
@@ -16,6 +17,7 @@ from fopid_ros.tuner.learning.gain_update import (
     AcceptanceCriteria,
     GainUpdate,
     Outcome,
+    RunningController,
     Trial,
     read_running_controller,
 )
@@ -43,6 +45,8 @@ class AutotuneRequest:
     propose_only : bool
     trial : Trial or None
         Gains to try instead of learning; they have been judged.
+    second_round : bool
+        Whether all is done once more with the new gains, where the record did not show the process's slow end.
     """
 
     experiment: ExperimentSettings
@@ -50,10 +54,19 @@ class AutotuneRequest:
     criteria: AcceptanceCriteria
     propose_only: bool
     trial: Trial | None = None
+    second_round: bool = True
 
 
 class Autotuner:
     """Runs one autotuning in the calling thread, while others spin the node.
+
+    Where the record does not show the process's slow end, gains are held back. A second round follows then with them:
+    the livelier loop shows the process where it works, and both rounds' signals are learnt from together.
+
+    References
+    ----------
+    Lee, W. S., Anderson, B. D. O., Kosut, R. L., Mareels, I. M. Y. A new approach to adaptive robust control. Int. J.
+    Adaptive Control and Signal Processing 7 (1993) 183-211: the bandwidth widened in rounds.
 
     Parameters
     ----------
@@ -70,10 +83,21 @@ class Autotuner:
     """
 
     def __init__(self, tap: LoopTap, client: ControllerClient, request: AutotuneRequest, wait: LoopWait) -> None:
-        controller = read_running_controller(client)
-        self._tap, self._request, self._wait, self._controller = tap, request, wait, controller
-        self._experiment = ClosedLoopExperiment(tap, wait, LoopBaseline(controller), request.experiment)
-        self._gain_update = GainUpdate(tap, client, wait, controller, request.criteria)
+        self._tap, self._client, self._request, self._wait = tap, client, request, wait
+        self._updates: list[GainUpdate] = []
+        self._began_with = read_running_controller(client)
+        self._take_for(self._began_with)
+
+    def _take_for(self, controller: RunningController) -> None:
+        """Begin a round with the controller as it runs."""
+        self._controller = controller
+        self._experiment = ClosedLoopExperiment(
+            self._tap, self._wait, LoopBaseline(controller), self._request.experiment
+        )
+        self._gain_update = GainUpdate(
+            self._tap, self._client, self._wait, controller, self._request.criteria, self._began_with.gains
+        )
+        self._updates.append(self._gain_update)
 
     def plan(self) -> tuple[list[str], float]:
         """What ``run`` will do, a line for each phase, and how long that takes [s]; the loop is left alone."""
@@ -97,7 +121,16 @@ class Autotuner:
         if self._request.propose_only:
             return [*lines, "nothing is applied: the gains are proposed"], experiment.estimate
         watching = "watching: for ten response times; the gains from before come back if the loop gets worse"
-        return [*lines, "applying: without a bump, on trial", watching], experiment.estimate
+        lines += ["applying: without a bump, on trial", watching]
+        if self._has_a_second_round:
+            lines.append("all that once more with the new gains, where the record does not show the process's slow end")
+        return lines, experiment.estimate
+
+    @property
+    def _has_a_second_round(self) -> bool:
+        """Where nobody has said how long it is to take, nor that nothing is to be applied."""
+        asked = self._request
+        return asked.second_round and self._experiment.ends_when_known and not asked.propose_only
 
     def run(self) -> Outcome:
         """Do it; however it ends, the loop is left with gains that are known to hold it.
@@ -113,7 +146,8 @@ class Autotuner:
             self._tap.begin_injection()
             return self._run()
         except BaseException:
-            self._gain_update.roll_back()
+            for update in reversed(self._updates):
+                update.roll_back()
             raise
         finally:
             self._tap.history.whole_since = math.inf
@@ -123,8 +157,14 @@ class Autotuner:
         self._experiment.measure()
         if self._request.trial is not None:
             return self._try_out(self._request.trial)
-        began, outcome = self._tap.history.newest_time("control"), Outcome()
+        began = self._tap.history.newest_time("control")
         self._tap.history.whole_since = began
+        first = self._make_round(began)
+        return self._once_more(first, began) if first.applied and first.held_back else first
+
+    def _make_round(self, began: float) -> Outcome:
+        """Excite, learn from all that was heard since ``began``, and apply what is better than what runs."""
+        outcome = Outcome()
         sufficiency = Sufficiency(self._request.template, self._experiment.loop.unrest, self._controller.sample_time)
         for _ in range(EXPERIMENTS):
             ended = self._experiment.excite(lambda: sufficiency.look(self._tap.history.record(began)))
@@ -137,6 +177,23 @@ class Autotuner:
             return outcome
         self._experiment.settle("applying", 0.72)
         return self._apply_and_monitor(outcome)
+
+    def _once_more(self, first: Outcome, began: float) -> Outcome:
+        """A second round; where it comes to nothing, what the first came to stays."""
+        made = self._experiment
+        if not (self._has_a_second_round and made.fits):
+            return first
+        self._take_for(read_running_controller(self._client))
+        self._experiment.follow(made)
+        try:
+            self._experiment.measure()
+            second = self._make_round(began)
+        except InputError as error:
+            self._gain_update.roll_back()
+            second = Outcome(message=str(error))
+        if second.applied:
+            return replace(second, previous=first.previous, message=f"in a second round: {second.message}")
+        return replace(first, message=f"{first.message}; a second round changed nothing: {second.message}")
 
     def _learn(self, began: float) -> Outcome:
         """A model of all that was heard since ``began``, and gains for it."""

@@ -110,14 +110,22 @@ class ClosedLoopExperiment:
     ----------
     duration : float
         How long one experiment takes [s].
+    latest : float
+        No further experiment is begun that would end later, by the loop's time [s].
     """
 
     def __init__(self, tap: LoopTap, wait: LoopWait, loop: LoopBaseline, wanted: ExperimentSettings) -> None:
         self.loop = loop
         self._tap, self._wait, self._wanted = tap, wait, wanted
-        self._amplitude = self._peak = self._foresight = self._began = 0.0
+        self._amplitude = self._peak = self._foresight = self._reach = 0.0
+        self.latest = math.inf
         self._first = True
         self.duration = self._chosen_duration()
+
+    def follow(self, before: ClosedLoopExperiment) -> None:
+        """Move the measurement as far as another did, in smaller moves friction looks like damping; and end as soon."""
+        self.latest, self._reach = before.latest, before._peak
+        self.loop.deviation_least = before.loop.deviation_max
 
     def _chosen_duration(self) -> float:
         """Of the experiment [s]."""
@@ -158,7 +166,7 @@ class ClosedLoopExperiment:
         def hook(tick: Tick) -> None:
             if not begun:
                 begun.append(tick.time)
-                self._began = tick.time
+                self.latest = min(self.latest, tick.time + LONGEST * self.duration)
             ticks.append(tick)
             while tick.time - ticks[0].time > window:
                 ticks.popleft()
@@ -193,10 +201,11 @@ class ClosedLoopExperiment:
     @property
     def estimate(self) -> float:
         """How long rest, probes, experiment and what follows take [s]."""
-        return (TOTAL_UNTIL_KNOWN if self._ends_when_known else TOTAL) * self.duration
+        return (TOTAL_UNTIL_KNOWN if self.ends_when_known else TOTAL) * self.duration
 
     @property
-    def _ends_when_known(self) -> bool:
+    def ends_when_known(self) -> bool:
+        """Whether it may end before its time, since nobody has said that."""
         wanted = self._wanted
         return wanted.until_known and wanted.excitation == "prbs" and not wanted.duration
 
@@ -206,10 +215,14 @@ class ClosedLoopExperiment:
         return f", at most {LONGEST * self.duration:.3g} s where that says too little{WORKING_OUT}"
 
     @property
+    def newest(self) -> float:
+        """When the loop was heard last [s]."""
+        return self._tap.history.newest_time("control")
+
+    @property
     def fits(self) -> bool:
         """Whether there is time for one more experiment within what was announced."""
-        now = self._tap.history.newest_time("control")
-        return now + self.duration - self._began <= LONGEST * self.duration
+        return self.newest + self.duration <= self.latest
 
     def excite(self, known: Callable[[], bool] = lambda: False) -> str:
         """Make the experiment; after one that said too little the whole of it, with larger moves if that moved little.
@@ -224,7 +237,7 @@ class ClosedLoopExperiment:
         str
             Why it was stopped; empty when it came to its end.
         """
-        looks = [look / EXCITATIONS["prbs"] for look in LOOKS_AT] if self._ends_when_known and self._first else []
+        looks = [look / EXCITATIONS["prbs"] for look in LOOKS_AT] if self.ends_when_known and self._first else []
         self._first = False
         if self._wanted.amplitude:
             self._amplitude = self._wanted.amplitude
@@ -296,13 +309,14 @@ class ClosedLoopExperiment:
         loop = self.loop
         amplitude = self._first_amplitude()
         seen = max(min(SEEN_SWINGS * loop.swing, SEEN_SHARE * loop.deviation_max), loop.least_move)
-        looks, share = (WAY_BACK, PROBE_SHARE_UNTIL_KNOWN) if self._ends_when_known else ((), PROBE_SHARE)
+        looks, share = (WAY_BACK, PROBE_SHARE_UNTIL_KNOWN) if self.ends_when_known else ((), PROBE_SHARE)
 
         def is_back(guarded: GuardedExcitation) -> bool:
             return abs(guarded.level) <= seen
 
         for _ in range(PROBES):
-            wanted = min(WANTED_SHARE * loop.deviation_max, max(WANTED_NOISES * loop.least_move, 2.0 * seen))
+            wanted = max(WANTED_NOISES * loop.least_move, 2.0 * seen, self._reach)
+            wanted = min(WANTED_SHARE * loop.deviation_max, wanted)
             excitation = Excitation(self._settings("step", amplitude, 2.0 * share * self.duration))
             self._run_excitation(excitation, lambda: 0.05, wanted, is_back, looks)
             if not excitation.completed:

@@ -84,6 +84,7 @@ class Outcome:
     tuned: RobustTuning | None = None
     previous: RunningDesign | None = None
     certificate: str = ""
+    held_back: bool = False
 
 
 @dataclass(frozen=True)
@@ -172,6 +173,8 @@ class GainUpdate:
     wait : LoopWait
     controller : RunningController
     criteria : AcceptanceCriteria
+    began_with : Fopid or None
+        The gains before the first of several; None where that is this one.
     """
 
     def __init__(
@@ -181,8 +184,9 @@ class GainUpdate:
         wait: LoopWait,
         controller: RunningController,
         criteria: AcceptanceCriteria,
+        began_with: Fopid | None = None,
     ) -> None:
-        self._tap, self._client, self._wait = tap, client, wait
+        self._tap, self._client, self._wait, self._began_with = tap, client, wait, began_with
         wait.sample_time = controller.sample_time
         self._controller, self._criteria = controller, criteria
         self._previous: RunningDesign | None = None
@@ -223,7 +227,15 @@ class GainUpdate:
         movement = self._criteria.noise_share * self._controller.control_range
         now = self._controller
         running = RunningGains(
-            now.gains, sensor.level, movement, control_peak, control_rate, now.filter, now.weights, sensor.spectrum
+            now.gains,
+            sensor.level,
+            movement,
+            control_peak,
+            control_rate,
+            now.filter,
+            now.weights,
+            sensor.spectrum,
+            self._began_with,
         )
         improved = improve(
             found, wanted, limits, running, self._criteria.compare,
@@ -233,8 +245,10 @@ class GainUpdate:
         told = "; ".join(filter(None, (str(found.flaws), doubt, improved.message)))
         improved = replace(improved, message=told)
         self._wait.report(Stage("verifying", 0.7, message=improved.message))
-        outcome = Outcome(improved.success, improved.message, model=found.best, models=found.models,
-                          candidates=improved.candidates, tuned=improved.tuned)  # fmt: skip
+        outcome = Outcome(
+            improved.success, improved.message, model=found.best, models=found.models,
+            candidates=improved.candidates, tuned=improved.tuned, held_back=improved.held_back,
+        )  # fmt: skip
         if not improved.success or improved.tuned.tuning is None:
             return replace(outcome, success=False, message=f"nothing was changed: {improved.message}")
         certificate, refused = self._proof(wanted, found.best, improved.tuned.tuning)

@@ -52,6 +52,8 @@ class LoopBaseline:
     coloured : SensorNoise or None
         That noise with its spectrum, where it is not white.
     figures : LoopPerformance
+    deviation_least : float
+        What is allowed at least where nobody says it.
     """
 
     controller: RunningController
@@ -66,6 +68,7 @@ class LoopBaseline:
     coloured: SensorNoise | None = None
     _spread: float = 0.0
     figures: LoopPerformance = field(default_factory=lambda: PerformanceMeter(1.0).figures)
+    deviation_least: float = 0.0
 
     def measure(self, ticks: Sequence[Tick], deviation_max: float, travel: float) -> None:
         """Take what a stretch of ticks shows.
@@ -106,7 +109,7 @@ class LoopBaseline:
         controller = self.controller
         reach = controller.control_range / abs(controller.gains.kp) if controller.gains.kp else math.inf
         scales = [NOISES * self.unrest, REACH_SHARE * reach if math.isfinite(reach) else 0.0]
-        chosen = max(scales) or TRAVEL_SHARE * travel
+        chosen = max(*scales, self.deviation_least) or TRAVEL_SHARE * travel
         if not chosen > 0.0:
             scale = "neither noise nor limits of the control nor a move of the setpoint give a scale"
             raise InputError(f"deviation_max = 0; allowed: above 0, since {scale}")

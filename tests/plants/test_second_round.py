@@ -1,0 +1,219 @@
+"""A second round with the new gains, where the record did not show the slow end; the first is never lost by it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from foreign_plants.gallery import GALLERY
+from judging import SEEDS, judge
+from virtual_loop import VirtualLoop
+
+from fopid_core.design.robust_verification import RobustLimits, RobustTuning
+from fopid_core.design.specification import TuningRequest
+from fopid_core.design.sufficiency import Sufficiency
+from fopid_core.design.tuner import tune
+from fopid_core.errors import InputError
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import Process, read_process
+from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, read_running_controller
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.loop_wait import CancelledError
+
+NAME, SEED = "heat_exchanger", 1
+CRITERIA = AcceptanceCriteria(
+    TuningRequest(read_process("P1")), RobustLimits(2.5, math.radians(30.0)), 2.0, compare=True
+)
+Design = Callable[[int], Outcome]
+
+
+def found(share: float, held_back: bool = True) -> Outcome:
+    """Start gains, larger by a factor, as the outcome of a design."""
+    process = Process.parse("1/(20s+1)*exp(-5s)")
+    tuning = tune(TuningRequest(process, "rule", rule="simc-pi"))
+    gains = Fopid(*(share * gain for gain in GALLERY[NAME].gains))
+    tuned = RobustTuning(True, "found", replace(tuning, controller=gains), None, 1, 0.0)
+    return Outcome(True, f"{share:g} times", tuned=tuned, held_back=held_back)
+
+
+@pytest.fixture
+def designed(monkeypatch: pytest.MonkeyPatch) -> Callable[[Design], list[Any]]:
+    """Let designs be what is said, by the number of the round; their records are listed."""
+
+    def be(design: Design) -> list[Any]:
+        records: list[Any] = []
+
+        def learn(self: Autotuner, began: float) -> Outcome:
+            records.append(self._tap.history.record(began))
+            return design(len(records))
+
+        monkeypatch.setattr(Sufficiency, "look", lambda *_: True)
+        monkeypatch.setattr(Autotuner, "_learn", learn)
+        return records
+
+    return be
+
+
+def tuned(**asked: Any) -> tuple[VirtualLoop, Outcome]:
+    loop = VirtualLoop(GALLERY[NAME], SEED)
+    loop.run(100.0)
+    experiment = ExperimentSettings(**asked.pop("experiment", {}))
+    request = AutotuneRequest(experiment, "all", CRITERIA, asked.pop("propose_only", False), **asked)
+    return loop, Autotuner(loop, loop, request, loop).run()  # type: ignore[arg-type]
+
+
+def share_of(loop: VirtualLoop) -> float:
+    return loop.gains().kp / GALLERY[NAME].gains[0]
+
+
+def test_the_second_round_learns_from_both_and_is_applied(designed: Callable[[Design], list[Any]]) -> None:
+    records = designed(lambda number: found(1.0 + 0.2 * number))
+    loop, outcome = tuned()
+    assert outcome.applied
+    assert outcome.message.startswith("in a second round: 1.4 times")
+    assert share_of(loop) == pytest.approx(1.4)
+    assert outcome.previous is not None
+    assert outcome.previous.gains.kp == pytest.approx(GALLERY[NAME].gains[0]), "what ran before the first"
+    assert loop.statuses == ["trial", "verified"] * 2
+    assert len(records) == 2
+    assert records[0].time[0] == records[1].time[0]
+    assert records[1].span > records[0].span
+
+
+def test_it_is_one_round_where_the_slow_end_was_seen(designed: Callable[[Design], list[Any]]) -> None:
+    records = designed(lambda _: found(1.2, held_back=False))
+    loop, outcome = tuned()
+    assert outcome.applied
+    assert (len(records), share_of(loop)) == (1, pytest.approx(1.2))
+
+
+@pytest.mark.parametrize(
+    "asked", [{"second_round": False}, {"experiment": {"duration": 300.0}}, {"propose_only": True}]
+)
+def test_it_is_one_round_where_somebody_has_said_so(
+    asked: dict[str, Any], designed: Callable[[Design], list[Any]]
+) -> None:
+    records = designed(lambda _: found(1.2))
+    assert tuned(**asked)[1].success
+    assert len(records) == 1
+
+
+def test_what_the_first_came_to_stays_where_the_second_finds_nothing(designed: Callable[[Design], list[Any]]) -> None:
+    designed(lambda number: found(1.2) if number == 1 else Outcome(message="nothing better"))
+    loop, outcome = tuned()
+    assert outcome.success
+    assert outcome.applied
+    assert outcome.message.endswith("; a second round changed nothing: nothing better")
+    assert share_of(loop) == pytest.approx(1.2)
+
+
+def test_gains_of_the_second_that_make_the_loop_worse_give_way_to_those_of_the_first(
+    designed: Callable[[Design], list[Any]],
+) -> None:
+    designed(lambda number: found(1.2 if number == 1 else 30.0))
+    loop, outcome = tuned()
+    assert outcome.success
+    assert outcome.applied
+    assert "since the loop got worse" in outcome.message
+    assert share_of(loop) == pytest.approx(1.2)
+
+
+def test_a_loop_that_does_not_rest_again_keeps_what_the_first_came_to(
+    designed: Callable[[Design], list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    designed(lambda _: found(1.2))
+    measure, asked = ClosedLoopExperiment.measure, []
+
+    def restless(self: ClosedLoopExperiment) -> None:
+        asked.append(self)
+        if len(asked) > 1:
+            raise InputError("measurement swings")
+        measure(self)
+
+    monkeypatch.setattr(ClosedLoopExperiment, "measure", restless)
+    loop, outcome = tuned()
+    assert outcome.applied
+    assert outcome.message.endswith("a second round changed nothing: measurement swings")
+    assert share_of(loop) == pytest.approx(1.2)
+
+
+def test_cancelled_in_the_second_the_gains_from_before_the_first_are_back(
+    designed: Callable[[Design], list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    designed(lambda number: found(1.2 if number == 1 else 1.4))
+    try_out, tried = GainUpdate.try_out, []
+
+    def cancelled(self: GainUpdate, *given: Any) -> Outcome:
+        tried.append(self)
+        outcome = try_out(self, *given)
+        if len(tried) > 1:
+            raise CancelledError
+        return outcome
+
+    monkeypatch.setattr(GainUpdate, "try_out", cancelled)
+    loop = VirtualLoop(GALLERY[NAME], SEED)
+    loop.run(100.0)
+    with pytest.raises(CancelledError):
+        Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", CRITERIA, False), loop).run()  # type: ignore[arg-type]
+    assert len(tried) == 2
+    assert share_of(loop) == pytest.approx(1.0)
+    assert loop.added == 0.0
+
+
+def test_an_experiment_that_follows_another_moves_the_measurement_as_far() -> None:
+    """Livelier gains allow less by their proportional band: friction looks like damping in smaller moves."""
+    loop, moved = VirtualLoop(GALLERY["motor_position"], SEED), []
+
+    def experiment(before: ClosedLoopExperiment | None) -> ClosedLoopExperiment:
+        made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())  # type: ignore[arg-type]
+        if before is not None:
+            made.follow(before)
+        made.measure()
+        began = len(loop.trace.true)
+        assert not made.excite(lambda: True)
+        moved.append(float(np.abs(np.array(loop.trace.true[began:]) - loop.setpoint).max()))
+        return made
+
+    loop.run(1.0)
+    first = experiment(None)
+    loop.set(gains=Fopid(12.0, 270.0, 0.02))
+    loop.run(1.0)
+    experiment(None)
+    second = experiment(first)
+    assert moved[1] < 0.5 * moved[0]
+    assert moved[2] > 0.7 * moved[0]
+    assert second.loop.deviation_max >= first.loop.deviation_max
+    assert second.latest <= first.latest
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_furnace_whose_first_record_shows_too_slow_a_process_is_tuned_better_in_two() -> None:
+    loads = []
+    for second in (False, True):
+        loop = VirtualLoop(GALLERY["furnace"], 3)
+        loop.run(750.0)
+        asked = AutotuneRequest(ExperimentSettings(), "all", CRITERIA, False, second_round=second)
+        outcome = Autotuner(loop, loop, asked, loop).run()  # type: ignore[arg-type]
+        assert outcome.applied
+        assert outcome.message.startswith("in a second round: ") == second
+        loads.append(judge("furnace", loop.tuned_settings(), SEEDS[:8]).load)
+    assert loads[1] < 0.85 * loads[0]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_motor_whose_friction_shows_in_the_second_keeps_what_the_first_came_to() -> None:
+    loop = VirtualLoop(GALLERY["motor_position"], 1)
+    loop.run(1.0)
+    outcome = Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", CRITERIA, False), loop).run()  # type: ignore[arg-type]
+    assert "a second round changed nothing" in outcome.message
+    start, now = (judge("motor_position", settings, SEEDS[:1]) for settings in ({}, loop.tuned_settings()))
+    assert now.mean("setpoint") < start.mean("setpoint")
+    assert now.load < start.load
