@@ -139,7 +139,7 @@ class LoopJudge:
     def load_aim(self) -> float:
         """A share of the textbook's error after a load; where nothing reaches that, a little more than the least.
 
-        That is no more than the textbook's own where one leaves less. Without a textbook nothing is aimed at (infinite).
+        That is no more than the textbook's own where one leaves less. Without a textbook there is no aim (infinite).
         """
         if self.textbook is None:
             return math.inf
