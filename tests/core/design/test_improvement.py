@@ -163,6 +163,31 @@ def test_a_delay_far_below_the_tick_does_not_set_the_time_of_a_design(learnt: Id
     assert 0.5 < found.tuning.controller.ki / found.tuning.controller.kp < 2.0  # its zero is near the lag of 1 s
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("limited", [False, True])
+def test_a_process_that_integrates_is_tuned_in_time_with_limits_of_its_control_and_without(limited: bool) -> None:
+    """The record shows no steady state: without limits, bounds that rested on it left no design but one that rests."""
+    process, h = Process.parse("1/(s(0.1s+1))"), 0.01
+    plant, controller = Plant(PlantSettings(process, h)), FopidController(ControllerSettings(Fopid(0.5, 0.1), h))
+    time = h * np.arange(4000)
+    added = np.where(time % 10.0 < 5.0, 0.02, -0.02)
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(time.size)
+    control, measured = np.empty_like(time), np.empty_like(time)
+    for k in range(time.size):
+        measured[k] = plant.measurement + noise[k]
+        control[k] = controller.step(0.0, measured[k], feedforward=added[k])
+        plant.step(control[k])
+    found = identify(Record(time, control, measured), "foptd", noise=1e-4)
+    running = RunningGains(Fopid(0.5, 0.1), 1e-4, 0.01) if limited else RunningGains(Fopid(0.5, 0.1), 1e-4)
+    better = improve(found, TuningRequest(process, sample_time=h), LIMITS, running)
+    assert better.success, better.message
+    assert better.held_back
+    assert better.tuned.tuning is not None
+    assert better.tuned.tuning.method == "time"
+    assert better.tuned.tuning.controller is not None
+    assert better.tuned.tuning.controller.kp > 2.0
+
+
 def test_the_noise_gain_is_that_of_the_simulated_loop() -> None:
     plant = Plant(PlantSettings(Process.parse("1/(s+1)"), sample_time=0.05, noise_std=1.0, seed=3))
     controller = FopidController(ControllerSettings(GOOD, 0.05))

@@ -235,6 +235,29 @@ def test_a_plant_unlike_the_models_is_tuned_well_or_refused(loops: Any, kind: st
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_plant_that_integrates_has_a_second_round_and_what_ran_before_the_first_is_told(loops: Any) -> None:
+    """The start gains hold back what is tried first; in the plan, the feedback and the result it is one tuning."""
+    began = {"kp": 0.5, "ki": 0.1}
+    loop = loops("integrating", began)
+    handle = loop.autotune(method="", deviation_max=0.15)
+    result = loop.outcome(handle, patience=600.0 * FACTOR).result
+    assert result.success, result.message
+    assert result.applied
+    assert "second round" in result.message
+    assert "once more with the new gains" in result.plan[-1]
+    phases = [f.phase for f in loop.feedback]
+    turns = [phase for before, phase in zip([""] + phases[:-1], phases, strict=True) if phase != before]
+    assert turns.count("exciting") >= 2
+    assert turns.count("watching") >= 1
+    assert [result.previous_gains.kp, result.previous_gains.ki] == list(began.values())
+    assert loop.gains() == [getattr(result.gains, name) for name in GAINS]
+    true = Loop(read_process("1/(s(0.1s+1))").delayed(0.015), Fopid(*loop.gains()))
+    assert stability(true).stable
+    assert loop.added[-1].value == 0.0
+
+
+@pytest.mark.slow
 def test_a_plant_that_does_not_answer_is_refused(loops: Any) -> None:
     loop = loops("stuck", PI)
     result = loop.outcome(loop.autotune(deviation_max=0.2, duration=5.0)).result

@@ -168,9 +168,9 @@ def improve(
         return Improvement(False, told, first.tuned, candidates)
     _, tuned, wanted = best
     parts = [tuned.message, judge.told(tuned, wanted.rule or wanted.method)]
-    held_back = bool(_box(identified, judge))
-    parts += [UNSEEN_END] * held_back + [RUNS_AWAY] * identified.best.structure.runs_away
-    return Improvement(True, "; ".join(parts), tuned, candidates, held_back)
+    unseen = bool(_box(identified, judge))
+    parts += [UNSEEN_END] * unseen + [RUNS_AWAY] * identified.best.structure.runs_away
+    return Improvement(True, "; ".join(parts), tuned, candidates, held_back=unseen and compare)
 
 
 def _and_its_flaws(

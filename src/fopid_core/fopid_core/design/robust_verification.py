@@ -290,11 +290,17 @@ def _within_reach(request: TuningRequest, best: IdentifiedModel) -> TuningReques
 
 
 def _bounded(request: TuningRequest, best: IdentifiedModel) -> TuningRequest:
-    """With a bound on the control that does not rest on a steady-state gain which the record has not shown."""
+    """With bounds on the control that do not rest on a steady-state gain which the record has not shown."""
     at_work = abs(complex(best.process(1j * best.crossover)))
-    if request.u_max is not None or abs(best.process.steady_state_gain) < UNSEEN * at_work:
+    if abs(best.process.steady_state_gain) < UNSEEN * at_work:
         return request
-    return replace(request, u_max=U_MAX / at_work)
+    most = U_MAX / at_work
+    unbounded = request.method == "time" and request.noise_max is None and request.noise_rms_max is None
+    return replace(
+        request,
+        u_max=most if request.u_max is None else request.u_max,
+        noise_max=most if unbounded else request.noise_max,
+    )
 
 
 def _detuned(request: TuningRequest, first: TuningResult, crossover: float) -> list[TuningRequest]:
