@@ -247,7 +247,7 @@ def test_a_plant_that_integrates_has_a_second_round_and_what_ran_before_the_firs
     assert "second round" in result.message
     assert "once more with the new gains" in result.plan[-1]
     phases = [f.phase for f in loop.feedback]
-    turns = [phase for before, phase in zip([""] + phases[:-1], phases, strict=True) if phase != before]
+    turns = [phase for before, phase in zip(["", *phases[:-1]], phases, strict=True) if phase != before]
     assert turns.count("exciting") >= 2
     assert turns.count("watching") >= 1
     assert [result.previous_gains.kp, result.previous_gains.ki] == list(began.values())
