@@ -33,7 +33,7 @@ AHEAD, AHEAD_IN_NOISE, SHORT_WEIGHT = 0.8, 0.6, 2.0
 """Of the rule of the textbooks with the least load error on the learnt process: the share of that error, and of its
 movement, that is aimed at, which is known less well; and how much more than other errors it counts to leave or to
 move more than that."""
-ALIKE = 1.1
+ALIKE = 1.2
 """Rules that leave up to so many times the least error after a load on the learnt process may leave the least on the
 plant."""
 BEHIND = 0.9
