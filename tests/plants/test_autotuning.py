@@ -53,9 +53,12 @@ def test_new_gains_beat_those_that_ran(name: str, slow_end_seen: bool) -> None:
     )
     outcome = Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", criteria, False), loop).run()  # type: ignore[arg-type]
     assert outcome.success, outcome.message
-    assert loop.statuses == ["trial", "verified"]
+    rounds = 2 if outcome.message.startswith("in a second round: ") else 1
+    assert loop.statuses == ["trial", "verified"] * rounds
+    assert rounds == 1 or not slow_end_seen
+    first = outcome.message.split("; a second round changed nothing: ")[0]
     assert ("watch the first large step of the setpoint" in outcome.message) != slow_end_seen
-    assert ("runs away" in outcome.message) == (name == "levitation")
+    assert ("runs away" in first) == (name == "levitation")
     assert ("the actuator has play within 0." in outcome.message) == (name == "boiler_drum")
     assert ("moves against a dry friction of 0.01" in outcome.message) == (name == "mujoco_arm")
     before, after = errors(name), errors(name, **loop.tuned_settings())
