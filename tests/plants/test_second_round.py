@@ -25,6 +25,7 @@ from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_wait import CancelledError
+from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 
 NAME, SEED = "heat_exchanger", 1
 CRITERIA = AcceptanceCriteria(
@@ -170,10 +171,9 @@ def test_an_experiment_that_follows_another_moves_the_measurement_as_far() -> No
     """Livelier gains allow less by their proportional band: friction looks like damping in smaller moves."""
     loop, moved = VirtualLoop(GALLERY["motor_position"], SEED), []
 
-    def experiment(before: ClosedLoopExperiment | None) -> ClosedLoopExperiment:
-        made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())  # type: ignore[arg-type]
-        if before is not None:
-            made.follow(before)
+    def experiment(before: Reach) -> ClosedLoopExperiment:
+        baseline = LoopBaseline(read_running_controller(loop))  # type: ignore[arg-type]
+        made = ClosedLoopExperiment(loop, loop, baseline, ExperimentSettings(), before)  # type: ignore[arg-type]
         made.measure()
         began = len(loop.trace.true)
         assert not made.excite(lambda: True)
@@ -181,15 +181,14 @@ def test_an_experiment_that_follows_another_moves_the_measurement_as_far() -> No
         return made
 
     loop.run(1.0)
-    first = experiment(None)
+    first = experiment(NOT_MOVED)
     loop.set(gains=Fopid(12.0, 270.0, 0.02))
     loop.run(1.0)
-    experiment(None)
-    second = experiment(first)
+    experiment(NOT_MOVED)
+    second = experiment(first.reach)
     assert moved[1] < 0.5 * moved[0]
     assert moved[2] > 0.7 * moved[0]
     assert second.loop.deviation_max >= first.loop.deviation_max
-    assert second.latest <= first.latest
 
 
 @pytest.mark.slow

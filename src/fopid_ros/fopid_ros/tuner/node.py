@@ -34,6 +34,7 @@ from fopid_ros.tuner.heard import Heard, hear
 from fopid_ros.tuner.jobs import Job, Jobs
 from fopid_ros.tuner.learning.loop_tap import LoopTap
 from fopid_ros.tuner.learning.loop_wait import CancelledError, LoopWait, Stage
+from fopid_ros.tuner.learning.reach import NOT_MOVED
 from fopid_ros.tuner.messages import (
     autotune_request,
     comparison_arguments,
@@ -99,6 +100,7 @@ class TunerNode(ManagedNode):
         )  # fmt: skip
         self._tap: LoopTap | None = None
         self._adaptation: Adaptation | None = None
+        self._reach = NOT_MOVED  # of what the running gains were learnt by
         self._stage = "idle"
         self._last = ""
 
@@ -114,7 +116,7 @@ class TunerNode(ManagedNode):
     def open(self, values: dict[str, Any]) -> None:
         self._controller.dof = values["dof"]
         self._tap = LoopTap(self, values)
-        self._adaptation = None
+        self._adaptation, self._reach = None, NOT_MOVED
         self.open_diagnostics()
         self.endpoints.timer(PERIOD, self._adapt, Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -365,12 +367,14 @@ class TunerNode(ManagedNode):
             self.background.on_executor(lambda: goal.publish_feedback(Autotune.Feedback(**asdict(stage))))
 
         request = autotune_request(goal.request, self.values())
-        autotuner = Autotuner(self._tap, self._controller, request, LoopWait(self._tap, report, ended))
+        autotuner = Autotuner(self._tap, self._controller, request, LoopWait(self._tap, report, ended), self._reach)
         result.plan, result.expected_duration = autotuner.plan()
         if goal.request.plan_only:
             result.success, result.message = True, "only planned; nothing was done"
             return
         outcome = autotuner.run()
+        if outcome.applied and request.trial is None:
+            self._reach = autotuner.reach
         fill_autotune_result(result, outcome)
         if request.trial is not None:
             fill_gains(result.gains, request.trial.design.gains)

@@ -24,6 +24,7 @@ from fopid_ros.tuner.learning.gain_update import (
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
+from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 
 EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""
@@ -75,6 +76,8 @@ class Autotuner:
     request : AutotuneRequest
     wait : LoopWait
         Tells how it goes, and whether an end has been asked for.
+    before : Reach
+        How far the measurement was moved when the running gains were learnt; it is moved as far again.
 
     Raises
     ------
@@ -82,17 +85,20 @@ class Autotuner:
         If it cannot be begun: no controller, no loop, or something in the request.
     """
 
-    def __init__(self, tap: LoopTap, client: ControllerClient, request: AutotuneRequest, wait: LoopWait) -> None:
+    def __init__(
+        self, tap: LoopTap, client: ControllerClient, request: AutotuneRequest, wait: LoopWait,
+        before: Reach = NOT_MOVED,
+    ) -> None:  # fmt: skip
         self._tap, self._client, self._request, self._wait = tap, client, request, wait
         self._updates: list[GainUpdate] = []
         self._began_with = read_running_controller(client)
-        self._take_for(self._began_with)
+        self._take_for(self._began_with, before)
 
-    def _take_for(self, controller: RunningController) -> None:
+    def _take_for(self, controller: RunningController, before: Reach) -> None:
         """Begin a round with the controller as it runs."""
         self._controller = controller
         self._experiment = ClosedLoopExperiment(
-            self._tap, self._wait, LoopBaseline(controller), self._request.experiment
+            self._tap, self._wait, LoopBaseline(controller), self._request.experiment, before
         )
         self._gain_update = GainUpdate(
             self._tap, self._client, self._wait, controller, self._request.criteria, self._began_with.gains
@@ -125,6 +131,11 @@ class Autotuner:
         if self._has_a_second_round:
             lines.append("all that once more with the new gains, where the record does not show the process's slow end")
         return lines, experiment.estimate
+
+    @property
+    def reach(self) -> Reach:
+        """How far the measurement has been moved."""
+        return self._experiment.reach
 
     @property
     def _has_a_second_round(self) -> bool:
@@ -183,8 +194,8 @@ class Autotuner:
         made = self._experiment
         if not (self._has_a_second_round and made.fits):
             return first
-        self._take_for(read_running_controller(self._client))
-        self._experiment.follow(made)
+        self._take_for(read_running_controller(self._client), made.reach)
+        self._experiment.latest = made.latest
         try:
             self._experiment.measure()
             second = self._make_round(began)

@@ -17,6 +17,7 @@ from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
 from fopid_ros.tuner.learning.loop_baseline import STEADY_STATE_SHARE, LoopBaseline, integral_time
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
+from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 
 PRBS_ORDER = 5
 EXCITATIONS = {"prbs": (1 << PRBS_ORDER) - 1, "relay": 8, "step": 2}
@@ -105,6 +106,8 @@ class ClosedLoopExperiment:
     loop : LoopBaseline
         What the controller says of itself; the rest is filled in by ``measure``.
     wanted : ExperimentSettings
+    before : Reach
+        Of what the running gains were learnt by: it moves the measurement as far.
 
     Attributes
     ----------
@@ -114,18 +117,22 @@ class ClosedLoopExperiment:
         No further experiment is begun that would end later, by the loop's time [s].
     """
 
-    def __init__(self, tap: LoopTap, wait: LoopWait, loop: LoopBaseline, wanted: ExperimentSettings) -> None:
+    def __init__(
+        self, tap: LoopTap, wait: LoopWait, loop: LoopBaseline, wanted: ExperimentSettings, before: Reach = NOT_MOVED
+    ) -> None:
         self.loop = loop
-        self._tap, self._wait, self._wanted = tap, wait, wanted
-        self._amplitude = self._peak = self._foresight = self._reach = 0.0
+        self.loop.deviation_least = before.allowed
+        self._tap, self._wait, self._wanted, self._before = tap, wait, wanted, before
+        self._amplitude = self._peak = self._foresight = 0.0
         self.latest = math.inf
         self._first = True
         self.duration = self._chosen_duration()
 
-    def follow(self, before: ClosedLoopExperiment) -> None:
-        """Move the measurement as far as another did, in smaller moves friction looks like damping; and end as soon."""
-        self.latest, self._reach = before.latest, before._peak
-        self.loop.deviation_least = before.loop.deviation_max
+    @property
+    def reach(self) -> Reach:
+        """How far the measurement has been moved here or before, for another that follows."""
+        before = self._before
+        return Reach(max(self._peak, before.moved), max(self.loop.deviation_max, before.allowed))
 
     def _chosen_duration(self) -> float:
         """Of the experiment [s]."""
@@ -315,7 +322,7 @@ class ClosedLoopExperiment:
             return abs(guarded.level) <= seen
 
         for _ in range(PROBES):
-            wanted = max(WANTED_NOISES * loop.least_move, 2.0 * seen, self._reach)
+            wanted = max(WANTED_NOISES * loop.least_move, 2.0 * seen, self._before.moved)
             wanted = min(WANTED_SHARE * loop.deviation_max, wanted)
             excitation = Excitation(self._settings("step", amplitude, 2.0 * share * self.duration))
             self._run_excitation(excitation, lambda: 0.05, wanted, is_back, looks)

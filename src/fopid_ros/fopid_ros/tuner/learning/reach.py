@@ -1,0 +1,22 @@
+"""How far a loop has been moved to learn what runs: what comes after moves it no less."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far a measurement has been moved from the setpoint; in smaller moves friction looks like damping.
+
+    Attributes
+    ----------
+    moved, allowed : float
+        0 where nothing has been moved.
+    """
+
+    moved: float = 0.0
+    allowed: float = 0.0
+
+
+NOT_MOVED = Reach()
