@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fopid_core.model.asymptotics import SingularPart, expansion_at_infinity, fast_rate
-from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
+from fopid_core.model.quasipolynomial import Points, QuasiPolynomial, Term
 
 ONE = QuasiPolynomial.constant(1.0)
 denominators = st.lists(
@@ -56,13 +56,13 @@ def test_a_sudden_part_is_the_laplace_original_of_its_transform(power: float, de
 def test_its_transform_and_its_terms_agree() -> None:
     part = SingularPart.of(QuasiPolynomial.of([Term(-0.5, 0.3, 2.0), Term(-1.0, 0.0, 1.0)]), 2.0, 1.4)
     s = np.array([1.0 + 2.0j])
-    assert part.transform(s) == pytest.approx(2.0 * (s + 2.0) ** -0.5 * np.exp(-0.3 * s) + 1.0 / (s + 2.0))
+    assert part.transform(Points(s)) == pytest.approx(2.0 * (s + 2.0) ** -0.5 * np.exp(-0.3 * s) + 1.0 / (s + 2.0))
 
 
 def test_powers_of_s_are_rewritten_in_s_plus_rate() -> None:
     part = SingularPart.of(QuasiPolynomial.monomial(1.0, order=-1.5), rate=1.0, highest_power=9.5)
     s = np.array([50.0 + 20.0j])
-    assert part.transform(s) == pytest.approx(s**-1.5, rel=1e-9)
+    assert part.transform(Points(s)) == pytest.approx(s**-1.5, rel=1e-9)
 
 
 def test_limits_from_the_right_are_jumps_or_infinite() -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopid_core.model.arrays import Complexes, Floats
-from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
+from fopid_core.model.quasipolynomial import Points, QuasiPolynomial, Term
 
 _MOST_TERMS = 400
 _LOG_NEGLIGIBLE = math.log(1e-12)
@@ -135,10 +135,17 @@ class PowerSeries:
     power: float
     coefficients: Floats
 
-    def over_fraction(self, inverse: Complexes) -> Complexes:
-        """Its transform but for the delay and the fractional part of its power, where ``inverse`` = 1 / (s + b)."""
-        value: Complexes = np.polyval(self.coefficients[::-1], inverse) * inverse ** math.floor(self.power)
-        return value
+    def transform(self, moved: Points) -> Complexes:
+        """Its transform but for the delay, at ``moved`` = s + b."""
+        inverse = moved.power(-1.0)
+        value = np.zeros_like(inverse)
+        for coefficient in self.coefficients[::-1]:
+            value *= inverse
+            value += coefficient
+        whole = math.floor(self.power)
+        value *= inverse**whole
+        fraction = round(self.power - whole, _DIGITS)
+        return value * moved.power(-fraction) if fraction else value
 
     def signal(self, elapsed: Floats) -> Floats:
         """Its signal but for the decay, at times above 0 since the delay."""
@@ -200,17 +207,12 @@ class SingularPart:
             series.append(PowerSeries(delay, lowest + fraction, coefficients))
         return SingularPart(rate, tuple(series))
 
-    def transform(self, s: Complexes) -> Complexes:
-        """Its value at every element of ``s``."""
-        inverse = 1.0 / (s + self.rate)
-        log_inverse = np.log(inverse)
-        fractions = {round(one.power % 1.0, _DIGITS) for one in self.series}
-        powers = {fraction: np.exp(fraction * log_inverse) if fraction else 1.0 for fraction in fractions}
-        total = np.zeros_like(s)
+    def transform(self, points: Points) -> Complexes:
+        """Its value at points."""
+        total, moved = np.zeros_like(points.s), points.shifted(self.rate)
         for delay in {one.delay for one in self.series}:
-            own = [one for one in self.series if one.delay == delay]
-            value = sum(one.over_fraction(inverse) * powers[round(one.power % 1.0, _DIGITS)] for one in own)
-            total += value * np.exp(-delay * s) if delay else value
+            value = sum(one.transform(moved) for one in self.series if one.delay == delay)
+            total += value * points.delayed(delay) if delay else value
         return total
 
     def signal(self, time: Floats) -> Floats:

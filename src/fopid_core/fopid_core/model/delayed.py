@@ -15,7 +15,7 @@ from fopid_core.model.delay_free import MOST_SAMPLES, check_growth, check_span
 from fopid_core.model.inversion import Piece, Signals, fastest_rate, invert, values_at
 from fopid_core.model.modes import Modes
 from fopid_core.model.poles import Path, Poles, count_right_of, poles_right_of
-from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
+from fopid_core.model.quasipolynomial import Points, QuasiPolynomial, Term
 from fopid_core.model.step_transforms import StepTransforms
 
 _LINES = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.003, 0.001)  # over the longest delay
@@ -63,8 +63,10 @@ class Delayed:
         )
 
         def smooth(s: Complexes) -> Complexes:
-            common = 1.0 / transforms.denominator(s)
-            rest = [n(s) * common - part.transform(s) for n, part in zip(transforms.numerators, sudden, strict=True)]
+            points = Points(s)
+            common = 1.0 / transforms.denominator.at(points)
+            parts = zip(transforms.numerators, sudden, strict=True)
+            rest = [numerator.at(points) * common - part.transform(points) for numerator, part in parts]
             return np.asarray(np.stack(rest) - modes.transform(s) - settled[:, None] / s)
 
         def sizes(time: Floats) -> Floats:

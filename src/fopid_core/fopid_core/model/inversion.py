@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopid_core.errors import UnknownResponseError
-from fopid_core.model.arrays import Complexes, Floats
+from fopid_core.model.arrays import Complexes, Floats, Indexes
 
 TOLERANCE = 1e-6  # two numbers of points must agree to this before either is believed
 _LEAK = 1e-8  # of the line itself and of rounding, whatever the number of points
@@ -173,12 +173,16 @@ def _fewest_points(signals: Signals, first: float, last: float) -> int:
 def _window(signals: Signals, first: float, last: float) -> Piece:
     """One window, with twice as many points again until that changes nothing, or no longer for the better."""
     number = _fewest_points(signals, first, last)
-    coarse = _samples(signals, last, number)
+    line = _line(signals, last, np.arange(number // 2 + 1))
+    transforms = signals.transforms(line)
+    coarse = _samples(transforms, line[0].real, last)
     best, values, kept = np.array([np.inf]), coarse, 0
     gaps = [math.inf]
     while number < signals.most_points and gaps[-1] > TOLERANCE and not _is_rounding(signals, number, last, gaps):
         number *= 2
-        fine = _samples(signals, last, number)
+        above = _line(signals, last, np.arange(transforms.shape[1], number // 2 + 1))
+        transforms = np.concatenate((transforms, signals.transforms(above)), axis=1)
+        fine = _samples(transforms, line[0].real, last)
         start = math.ceil(first / last * (number // (2 * _PERIODS)))
         gap = _gap(signals, last, fine[:, ::2], coarse, start)
         gaps.append(float(gap.max()))
@@ -210,15 +214,21 @@ def _gap(signals: Signals, last: float, fine: Floats, coarse: Floats, start: int
     return np.asarray(gap.max(axis=1), dtype=np.float64)
 
 
-def _samples(signals: Signals, last: float, number: int) -> Floats:
-    """The signals at evenly spaced instants from 0 to ``last``, ``number`` of them in the whole period."""
+def _line(signals: Signals, last: float, index: Indexes) -> Complexes:
+    """Points of the line that is summed over, one for each index from 0 on."""
     period = _PERIODS * last
     line = _DAMPING / period + signals.growth
     if abs(line) * period < 1.0:  # not through the origin, where parts that were taken out have their poles
         line = 1.0 / period
-    s: Complexes = np.asarray(line + 2j * np.pi / period * np.arange(number // 2 + 1), dtype=np.complex128)
-    series = np.fft.irfft(signals.transforms(s) * _taper(number // 2 + 1), axis=1)[:, : number // _PERIODS + 1]
-    values: Floats = series * np.exp(line * np.linspace(0.0, last, series.shape[1])) * (number / period)
+    return np.asarray(line + 2j * np.pi / period * index, dtype=np.complex128)
+
+
+def _samples(transforms: Complexes, line: float, last: float) -> Floats:
+    """The signals at evenly spaced instants from 0 to ``last``, from their transforms at the points of a line."""
+    size = transforms.shape[1]
+    number = 2 * (size - 1)
+    series = np.fft.irfft(transforms * _taper(size), axis=1)[:, : number // _PERIODS + 1]
+    values: Floats = series * np.exp(line * np.linspace(0.0, last, series.shape[1])) * (number / (_PERIODS * last))
     return values
 
 

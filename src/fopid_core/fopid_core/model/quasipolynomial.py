@@ -6,8 +6,11 @@ sum and product of them. They are therefore closed under series, parallel and fe
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -99,23 +102,38 @@ class QuasiPolynomial:
 
     def __call__(self, s: ArrayLike) -> Complexes:
         """The value at every element of ``s`` (complex, principal branch of the powers)."""
-        s = np.asarray(s, dtype=np.complex128)
-        with np.errstate(divide="ignore"):
-            log_s = np.log(s)
-        total = np.zeros_like(s)
-        for term in self.terms:
-            total = total + term.coefficient * _power(s, log_s, term.order) * _lag(s, term.delay)
+        return self.at(Points(s))
+
+    def at(self, points: Points) -> Complexes:
+        """The value at points that others are worked out at as well."""
+        total = np.zeros_like(points.s)
+        for delay, ladders in self._ladders.items():
+            value = sum(ladder.at(points) for ladder in ladders)
+            total += value * points.delayed(delay) if delay else value
         return total
 
     def derivative(self, s: ArrayLike) -> Complexes:
         """The derivative with respect to s, at every element of ``s`` (none of them zero)."""
-        s = np.asarray(s, dtype=np.complex128)
-        log_s = np.log(s)
-        total = np.zeros_like(s)
+        return self._derivative(s)
+
+    @cached_property
+    def _derivative(self) -> QuasiPolynomial:
+        lower = [Term(t.order - 1.0, t.delay, t.order * t.coefficient) for t in self.terms]
+        return QuasiPolynomial.of(lower + [Term(t.order, t.delay, -t.delay * t.coefficient) for t in self.terms])
+
+    @cached_property
+    def _ladders(self) -> dict[float, list[_Ladder]]:
+        """The terms by delay, and those together whose orders are whole numbers apart."""
+        bases: dict[float, float] = {}
+        rungs: dict[tuple[float, float], list[Term]] = {}
         for term in self.terms:
-            value = term.coefficient * _power(s, log_s, term.order) * _lag(s, term.delay)
-            total = total + value * (term.order / s - term.delay)
-        return total
+            fraction = round(term.order % 1.0, _ORDER_DIGITS) % 1.0
+            bases[fraction] = min(term.order, bases.get(fraction, math.inf))
+            rungs.setdefault((term.delay, fraction), []).append(term)
+        ladders: dict[float, list[_Ladder]] = {}
+        for (delay, fraction), terms in rungs.items():
+            ladders.setdefault(delay, []).append(_Ladder.of(terms, bases[fraction]))
+        return ladders
 
     @property
     def is_zero(self) -> bool:
@@ -175,16 +193,64 @@ class QuasiPolynomial:
         return text
 
 
-def _power(s: Complexes, log_s: Complexes, order: float) -> Complexes:
-    if order == 0.0:
-        return np.ones_like(s)
-    if order.is_integer():
-        return s ** int(order)
-    return np.exp(order * log_s)
+@dataclass(frozen=True)
+class _Ladder:
+    """Terms whose orders are whole numbers apart: one power, the rest by Horner's scheme."""
+
+    base: float
+    steps: tuple[tuple[float, int], ...]
+    """Coefficients, highest order first, and how far down the next one is; the last down to the base."""
+
+    @staticmethod
+    def of(terms: list[Term], base: float) -> _Ladder:
+        """From terms with the highest order first."""
+        orders = [*(term.order for term in terms), base]
+        gaps = [round(high - low) for high, low in itertools.pairwise(orders)]
+        return _Ladder(base, tuple(zip((term.coefficient for term in terms), gaps, strict=True)))
+
+    def at(self, points: Points) -> Complexes:
+        """Their sum, without the delay."""
+        s = points.s
+        value = np.zeros_like(s)
+        for coefficient, gap in self.steps:
+            value += coefficient
+            if gap:
+                value *= s if gap == 1 else s**gap
+        return value * points.power(self.base) if self.base else value
 
 
-def _lag(s: Complexes, delay: float) -> Complexes | float:
-    return np.exp(-delay * s) if delay else 1.0
+class Points:
+    """Points s, complex, with their powers and delays: worked out once for all that is evaluated there."""
+
+    def __init__(self, s: ArrayLike) -> None:
+        self.s: Complexes = np.asarray(s, dtype=np.complex128)
+        self._powers: dict[float, Complexes] = {}
+        self._delayed: dict[float, Complexes] = {}
+        self._shifted: dict[float, Points] = {}
+
+    def power(self, order: float) -> Complexes:
+        """``s**order``, the principal branch."""
+        if order not in self._powers:
+            whole = float(order).is_integer()
+            self._powers[order] = self.s ** int(order) if whole else np.exp(order * self._logarithm)
+        return self._powers[order]
+
+    @cached_property
+    def _logarithm(self) -> Complexes:
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.log(self.s))
+
+    def delayed(self, delay: float) -> Complexes:
+        """``exp(-delay s)``."""
+        if delay not in self._delayed:
+            self._delayed[delay] = np.exp(-delay * self.s)
+        return self._delayed[delay]
+
+    def shifted(self, rate: float) -> Points:
+        """The points ``s + rate``."""
+        if rate not in self._shifted:
+            self._shifted[rate] = Points(self.s + rate)
+        return self._shifted[rate]
 
 
 def number_text(value: float) -> str:

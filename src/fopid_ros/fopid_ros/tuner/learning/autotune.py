@@ -28,6 +28,8 @@ from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 
 EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""
+LIVELIER = 5.0
+"""A loop with so many times the proportional gain works where the record of the one before shows little."""
 MOVED_SHARE = 0.5
 """The share of the allowed deviation that new gains may cause."""
 
@@ -171,7 +173,13 @@ class Autotuner:
         began = self._tap.history.newest_time("control")
         self._tap.history.whole_since = began
         first = self._make_round(began)
-        return self._once_more(first, began) if first.applied and first.held_back else first
+        return self._once_more(first, began) if first.applied and self._would_show_more(first) else first
+
+    def _would_show_more(self, first: Outcome) -> bool:
+        """Whether the loop with the new gains shows of the process what the record does not."""
+        tuning = first.tuned.tuning if first.tuned else None
+        gains = tuning.controller if tuning else None
+        return first.held_back or (gains is not None and abs(gains.kp) > LIVELIER * abs(self._began_with.gains.kp))
 
     def _make_round(self, began: float) -> Outcome:
         """Excite, learn from all that was heard since ``began``, and apply what is better than what runs."""
