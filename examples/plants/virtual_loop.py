@@ -164,6 +164,9 @@ class VirtualLoop:
 
     # The wait.
 
+    def begin_round(self, name: str, share: tuple[float, float]) -> None:
+        pass
+
     def report(self, stage: Stage) -> None:
         self.stages.append(stage)
 

@@ -250,6 +250,9 @@ def test_a_plant_that_integrates_has_a_second_round_and_what_ran_before_the_firs
     turns = [phase for before, phase in zip(["", *phases[:-1]], phases, strict=True) if phase != before]
     assert turns.count("exciting") >= 2
     assert turns.count("watching") >= 1
+    second = [f.message.startswith("second round") for f in loop.feedback]
+    assert second == sorted(second)
+    assert all((f.progress >= 0.5) == later for f, later in zip(loop.feedback, second, strict=True))
     assert [result.previous_gains.kp, result.previous_gains.ki] == list(began.values())
     assert loop.gains() == [getattr(result.gains, name) for name in GAINS]
     true = Loop(read_process("1/(s(0.1s+1))").delayed(0.015), Fopid(*loop.gains()))

@@ -13,6 +13,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -84,6 +85,18 @@ class Piece:
     values: Floats
     accuracy: Floats
 
+    @cached_property
+    def spline(self) -> tuple[Callable[[Floats], Floats], Floats]:
+        """The signals between the samples, and the largest error of that: what half of them miss of the others."""
+        from scipy.interpolate import CubicSpline
+
+        size = self.time.size - (self.time.size + 1) % 2
+        half = CubicSpline(self.time[:size:2], self.values[:, :size:2], axis=1)(self.time[1:size:2])
+        missed = np.abs(half - self.values[:, 1:size:2])
+        edge = max(missed.shape[1] // 64, 2)
+        error = np.maximum(missed[:, edge:-edge].max(axis=1) / _SPLINE_GAIN, missed.max(axis=1) / _EDGE_GAIN)
+        return CubicSpline(self.time, self.values.T), error
+
 
 def fastest_rate(horizon: float) -> float:
     """The fastest rate [1/s] that the shortest window on this horizon resolves."""
@@ -131,22 +144,10 @@ def values_at(pieces: tuple[Piece, ...], time: Floats) -> tuple[Floats, Floats]:
     for i in np.unique(home):
         own, piece = home == i, pieces[i]
         instants = time[own]
-        spline, error = _spline(piece)
+        spline, error = piece.spline
         values[:, own] = spline(instants).T
         errors[:, own] = (piece.accuracy + error)[:, None]
     return values, errors
-
-
-def _spline(piece: Piece) -> tuple[Callable[[Floats], Floats], Floats]:
-    """The signals between the samples, and the largest error of that: what half of the samples miss of the others."""
-    from scipy.interpolate import CubicSpline
-
-    size = piece.time.size - (piece.time.size + 1) % 2
-    half = CubicSpline(piece.time[:size:2], piece.values[:, :size:2], axis=1)(piece.time[1:size:2])
-    missed = np.abs(half - piece.values[:, 1:size:2])
-    edge = max(missed.shape[1] // 64, 2)
-    error = np.maximum(missed[:, edge:-edge].max(axis=1) / _SPLINE_GAIN, missed.max(axis=1) / _EDGE_GAIN)
-    return CubicSpline(piece.time, piece.values.T), error
 
 
 def _nothing(before: Piece, last: float) -> Piece:

@@ -172,6 +172,7 @@ class Autotuner:
             return self._try_out(self._request.trial)
         began = self._tap.history.newest_time("control")
         self._tap.history.whole_since = began
+        self._wait.begin_round("", (0.0, 0.5 if self._has_a_second_round else 1.0))
         first = self._make_round(began)
         return self._once_more(first, began) if first.applied and self._would_show_more(first) else first
 
@@ -202,6 +203,7 @@ class Autotuner:
         made = self._experiment
         if not (self._has_a_second_round and made.fits):
             return first
+        self._wait.begin_round("second round", (0.5, 1.0))
         self._take_for(read_running_controller(self._client), made.reach)
         self._experiment.latest = made.latest
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fopid_core.errors import InputError
 from fopid_ros.tuner.learning.loop_tap import LoopTap
@@ -51,8 +51,19 @@ class LoopWait:
     """
 
     def __init__(self, tap: LoopTap, report: Callable[[Stage], None], cancelled: Callable[[], bool]) -> None:
-        self._tap, self.report, self._cancelled = tap, report, cancelled
+        self._tap, self._report, self._cancelled = tap, report, cancelled
+        self._round, self._from, self._to = "", 0.0, 1.0
         self.sample_time = 0.0
+
+    def begin_round(self, name: str, share: tuple[float, float]) -> None:
+        """From now on it is about a share of the whole, and stages are named so; the first needs no name."""
+        self._round, (self._from, self._to) = name, share
+
+    def report(self, stage: Stage) -> None:
+        """Tell how far the round is, as a part of the whole."""
+        message = ": ".join(filter(None, (self._round, stage.message)))
+        progress = self._from + (self._to - self._from) * stage.progress
+        self._report(replace(stage, progress=progress, message=message))
 
     def until(self, done: Callable[[], bool], stage: Callable[[], Stage]) -> None:
         """Wait until it is done.
