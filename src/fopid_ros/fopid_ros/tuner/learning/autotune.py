@@ -20,6 +20,7 @@ from fopid_ros.tuner.learning.gain_update import (
     RunningController,
     Trial,
     read_running_controller,
+    response_time,
 )
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
@@ -28,8 +29,6 @@ from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 
 EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""
-LIVELIER = 5.0
-"""A loop with so many times the proportional gain works where the record of the one before shows little."""
 MOVED_SHARE = 0.5
 """The share of the allowed deviation that new gains may cause."""
 
@@ -129,7 +128,8 @@ class Autotuner:
         if self._request.propose_only:
             return [*lines, "nothing is applied: the gains are proposed"], experiment.estimate
         watching = "watching: for ten response times; the gains from before come back if the loop gets worse"
-        lines += ["applying: without a bump, on trial", watching]
+        proving = "proving: moved once more as far as that; the gains from before come back if the loop swings on"
+        lines += ["applying: without a bump, on trial", watching, proving]
         if self._has_a_second_round:
             lines.append("all that once more with the new gains, where the record does not show the process's slow end")
         return lines, experiment.estimate
@@ -174,13 +174,9 @@ class Autotuner:
         self._tap.history.whole_since = began
         self._wait.begin_round("", (0.0, 0.5 if self._has_a_second_round else 1.0))
         first = self._make_round(began)
-        return self._once_more(first, began) if first.applied and self._would_show_more(first) else first
-
-    def _would_show_more(self, first: Outcome) -> bool:
-        """Whether the loop with the new gains shows of the process what the record does not."""
-        tuning = first.tuned.tuning if first.tuned else None
-        gains = tuning.controller if tuning else None
-        return first.held_back or (gains is not None and abs(gains.kp) > LIVELIER * abs(self._began_with.gains.kp))
+        if first.applied and first.held_back and self._has_a_second_round and self._experiment.fits:
+            return self._once_more(first, began)
+        return self._prove(first, self._gain_update)
 
     def _make_round(self, began: float) -> Outcome:
         """Excite, learn from all that was heard since ``began``, and apply what is better than what runs."""
@@ -196,13 +192,11 @@ class Autotuner:
         if not outcome.success or self._request.propose_only:
             return outcome
         self._experiment.settle("applying", 0.72)
-        return self._apply_and_monitor(outcome)
+        return self._gain_update.apply_and_monitor(outcome, *self._what_is_borne())
 
     def _once_more(self, first: Outcome, began: float) -> Outcome:
-        """A second round; where it comes to nothing, what the first came to stays."""
-        made = self._experiment
-        if not (self._has_a_second_round and made.fits):
-            return first
+        """A second round; where it comes to nothing, what the first came to stays, if the loop bears to be moved."""
+        made, update = self._experiment, self._gain_update
         self._wait.begin_round("second round", (0.5, 1.0))
         self._take_for(read_running_controller(self._client), made.reach)
         self._experiment.latest = made.latest
@@ -212,9 +206,33 @@ class Autotuner:
         except InputError as error:
             self._gain_update.roll_back()
             second = Outcome(message=str(error))
+        if self._experiment.escaped:
+            return self._taken_back(first, update, self._experiment.escaped)
+        second = self._prove(second, self._gain_update)
         if second.applied:
             return replace(second, previous=first.previous, message=f"in a second round: {second.message}")
-        return replace(first, message=f"{first.message}; a second round changed nothing: {second.message}")
+        first = replace(first, message=f"{first.message}; a second round changed nothing: {second.message}")
+        return self._prove(first, update)
+
+    def _prove(self, outcome: Outcome, update: GainUpdate) -> Outcome:
+        """Move the loop as far as it was moved for the new gains; where it swings on, those from before come back."""
+        if not outcome.applied:
+            return outcome
+        self._wait.begin_round("proof", (0.95, 1.0))
+        try:
+            running = LoopBaseline(read_running_controller(self._client))
+            asked, reach = self._request.experiment, self._experiment.reach
+            proof = ClosedLoopExperiment(self._tap, self._wait, running, asked, reach)
+            proof.measure()
+            against = proof.prove(response_time(outcome))
+        except InputError as error:
+            return replace(outcome, message=f"{outcome.message}; not moved once more: {error}")
+        return self._taken_back(outcome, update, against) if against else outcome
+
+    def _taken_back(self, outcome: Outcome, update: GainUpdate, against: str) -> Outcome:
+        update.roll_back()
+        told = f"the previous gains are back, since with the new ones {against}"
+        return replace(outcome, success=False, applied=False, rolled_back=True, message=told)
 
     def _learn(self, began: float) -> Outcome:
         """A model of all that was heard since ``began``, and gains for it."""
@@ -233,9 +251,6 @@ class Autotuner:
         return self._gain_update.design(
             found, loop.sensor, loop.control_peak, loop.control_rate, every=every, record=record
         )
-
-    def _apply_and_monitor(self, outcome: Outcome) -> Outcome:
-        return self._gain_update.apply_and_monitor(outcome, *self._what_is_borne())
 
     def _try_out(self, trial: Trial) -> Outcome:
         asked = Outcome(success=True, message=f"{trial.design.gains} as asked")

@@ -163,6 +163,12 @@ def read_running_controller(client: ControllerClient) -> RunningController:
     return RunningController(Fopid(*gains), sample_time, low, high, slow, weights, rate)
 
 
+def response_time(outcome: Outcome) -> float:
+    """Of the loop with the gains found [s]."""
+    achieved = outcome.tuned.tuning.achieved if outcome.tuned and outcome.tuned.tuning else None
+    return 2.0 / achieved.crossover if achieved else math.nan
+
+
 class GainUpdate:
     """Designs gains for the running loop and tries them out; ``roll_back`` undoes it.
 
@@ -303,7 +309,7 @@ class GainUpdate:
             raise InputError("a tuning without gains; allowed: one that succeeded")
         chosen = None if design.filter.is_idle and design.weights == WHOLE_SETPOINT else design.weights
         whole = RunningDesign(design.controller, design.filter, chosen)  # as it was verified
-        trial = Trial(whole, 2.0 / design.achieved.crossover)
+        trial = Trial(whole, response_time(outcome))
         return self.try_out(trial, outcome, before, residual_transient, error_factor, outside)
 
     def try_out(

@@ -65,6 +65,11 @@ class GuardedExcitation:
         """Whether it is over."""
         return self.excitation.finished
 
+    @property
+    def cornered(self) -> bool:
+        """Whether even small moves came near the bounds."""
+        return self._shrinks > SHRINKS_MAX
+
     def step(self, tick: Tick) -> float:
         """One tick; what to add to the control until the next."""
         if self.finished:
@@ -113,7 +118,7 @@ class GuardedExcitation:
             return f"the setpoint was changed from {self._loop.setpoint:g} to {tick.setpoint:g}"
         if tick.age > self._oldest:
             return f"a sample was {tick.age:.2g} s old when it was heard ({self._oldest:.2g} s is too old to judge by)"
-        if self._shrinks > SHRINKS_MAX:
+        if self.cornered:
             return "the measurement or the control came near its bounds again and again, with ever smaller moves"
         return ""
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fopid_core.design.identification.noise import SensorNoise, noise_at_rest, resolution, white_level
 from fopid_core.errors import InputError
@@ -90,7 +91,7 @@ class LoopBaseline:
         self.offset = float(measured.mean()) - self.setpoint
         first, second = np.array_split(measured, 2)
         self.drift = float(second.mean() - first.mean())
-        self.swing = 0.5 * float(np.ptp([part.mean() for part in np.array_split(measured, 10)]))
+        self.swing = half_range(measured)
         self.noise = max(float(white_level(measured)), resolution(measured) / math.sqrt(12.0))
         instants = np.arange(measured.size)
         line = np.polynomial.Polynomial.fit(instants, measured, 1)
@@ -149,6 +150,11 @@ class LoopBaseline:
         if max(abs(self.offset), abs(self.drift)) > STEADY_STATE_SHARE * self.deviation_max:
             return f"measurement {self.offset:+.4g} off the setpoint, drifting by {self.drift:+.4g}"
         return f"measurement swings by {self.swing:.4g} to either side: a limit cycle or a disturbance"
+
+
+def half_range(measured: ArrayLike) -> float:
+    """How far a measurement goes to either side, noise averaged out over a tenth of it."""
+    return 0.5 * float(np.ptp([part.mean() for part in np.array_split(measured, 10)]))
 
 
 def integral_time(gains: Fopid) -> float:

@@ -1,0 +1,103 @@
+"""New gains bear to be moved as far as they were learnt by, or those from before come back: rest does not show it."""
+
+from __future__ import annotations
+
+import pytest
+from compare import autotuned
+from foreign_plants.gallery import GALLERY, Exhibit
+from foreign_plants.parts import Actuator, Plant, Sensor, State
+from virtual_loop import VirtualLoop
+
+from fopid_core.model.fopid import Fopid
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.gain_update import read_running_controller
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.reach import Reach
+
+
+class BacklashDrive(Plant):
+    """Speed [rad/s] of a load that a motor [N m] drives through a shaft with a gap.
+
+    Nordin, M., Gutman, P.-O. Controlling mechanical systems with backlash: a survey. Automatica 38 (2002) 1633-1649.
+    """
+
+    motor, inertia, stiffness, damping, gap, drag = 0.03, 0.1, 60.0, 0.3, 0.01, 0.05
+    control_at_rest = 0.12
+    rest = (2.0, 2.0, 0.01 + 0.1 / 60.0)
+    substep = 0.0025
+
+    def make_actuator(self) -> Actuator:
+        return Actuator(-5.0, 5.0)
+
+    def make_sensor(self) -> Sensor:
+        return Sensor(noise=0.02, step=0.005)
+
+    def slopes(self, x: State, u: float) -> State:
+        load, motor, twist = x
+        beyond = twist - min(max(twist, -self.gap), self.gap)
+        shaft = self.stiffness * beyond + self.damping * (motor - load) if beyond else 0.0
+        return ((shaft - self.drag * load) / self.inertia, (u - shaft - 0.01 * motor) / self.motor, motor - load)
+
+
+DRIVE = Exhibit(BacklashDrive, 0.005, (0.1, 0.05, 0.0), 1.0, 0.3, 12.0, (-8.0, 12.0))
+AS_LEARNT = Reach(moved=0.28, allowed=0.8, amplitude=0.2)
+
+
+def proof(
+    exhibit: Exhibit, gains: Fopid, before: Reach, response_time: float
+) -> tuple[VirtualLoop, ClosedLoopExperiment]:
+    """An experiment on a loop that rests with these gains."""
+    loop = VirtualLoop(exhibit, 1)
+    loop.set(gains=gains)
+    loop.run(20.0 * response_time)
+    baseline = LoopBaseline(read_running_controller(loop))  # type: ignore[arg-type]
+    made = ClosedLoopExperiment(loop, loop, baseline, ExperimentSettings(), before)  # type: ignore[arg-type]
+    made.measure()
+    return loop, made
+
+
+def test_gains_that_swing_in_the_gap_once_they_are_moved_are_seen() -> None:
+    _, made = proof(DRIVE, Fopid(1.0, 17.0, 0.0), AS_LEARNT, 0.3)
+    assert "does not come to rest once moved by" in made.prove(0.3) or made.escaped
+
+
+def test_gentle_gains_on_the_same_drive_come_to_rest() -> None:
+    _, made = proof(DRIVE, Fopid(0.3, 0.3, 0.0), AS_LEARNT, 0.7)
+    assert made.prove(0.7) == ""
+
+
+def test_a_stiffer_loop_is_moved_by_more_until_the_measurement_moves_as_far() -> None:
+    gains = Fopid(*(2.0 * gain for gain in GALLERY["heat_exchanger"].gains))
+    loop, made = proof(GALLERY["heat_exchanger"], gains, Reach(1.5, 4.0, 0.5), 20.0)
+    assert made.prove(20.0) == ""
+    moved = max(abs(true - loop.setpoint) for true in loop.trace.true)
+    assert 1.0 < moved < 2.4
+
+
+def test_a_response_time_that_is_too_short_makes_no_loop_swing() -> None:
+    _, made = proof(GALLERY["heat_exchanger"], Fopid(0.3, 0.012, 0.0), Reach(1.5, 4.0, 0.5), 20.0)
+    assert made.prove(0.5) == ""
+
+
+@pytest.mark.parametrize("after", [1.0, 90.0])
+def test_a_setpoint_that_is_moved_meanwhile_is_nothing_against_the_gains(after: float) -> None:
+    loop, made = proof(GALLERY["heat_exchanger"], Fopid(0.3, 0.012, 0.0), Reach(1.5, 4.0, 0.5), 20.0)
+    until, begun = loop.tick, loop.time
+
+    def tick() -> None:
+        if loop.time >= begun + after:
+            loop.setpoint = 63.0
+        until()
+
+    loop.tick = tick  # type: ignore[method-assign]
+    assert made.prove(20.0) == ""
+    assert loop.time >= begun + after
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_drive_with_a_gap_is_not_left_with_gains_that_swing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(GALLERY, "drive", DRIVE)
+    found = autotuned("drive", 2)
+    assert found.seen.calm
+    assert found.seen.mean("setpoint") < 1.4, "1.22 with the gains it began with"
