@@ -17,6 +17,8 @@ from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria
 
+from ..share import some_of
+
 
 def errors(name: str, **settings: Any) -> tuple[float, float]:
     """Integral of the absolute true error after a step of the setpoint and of the load."""
@@ -36,13 +38,15 @@ def errors(name: str, **settings: Any) -> tuple[float, float]:
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     ("name", "slow_end_seen"),
-    [
-        ("heat_exchanger", True),
-        ("motor_position", False),
-        ("levitation", True),
-        ("boiler_drum", False),
-        ("mujoco_arm", True),
-    ],
+    some_of(
+        [
+            ("heat_exchanger", True),
+            ("motor_position", False),
+            ("levitation", True),
+            ("mujoco_arm", True),
+            ("boiler_drum", False),
+        ]
+    ),
 )
 def test_new_gains_beat_those_that_ran(name: str, slow_end_seen: bool) -> None:
     exhibit = GALLERY[name]
