@@ -141,7 +141,7 @@ class ClosedLoopExperiment:
         before, allowed = self._before, max(self.loop.deviation_max, self._before.allowed)
         if self._peak < before.moved:
             return replace(before, allowed=allowed)
-        return Reach(self._peak, allowed, self._amplitude, self.loop.controller.gains.kp)
+        return Reach(self._peak, allowed, self._amplitude)
 
     def _chosen_duration(self) -> float:
         """Of the experiment [s]."""
@@ -288,9 +288,7 @@ class ClosedLoopExperiment:
             What speaks against the gains; empty where nothing does, or nothing could be seen.
         """
         before, most = self._before, self._wanted.amplitude or self._most()
-        stiffer = abs(self.loop.controller.gains.kp / before.kp) if before.kp else 1.0
-        amplitude = min(before.amplitude * min(max(stiffer, 1.0), MOST_LARGER), most)
-        wanted = min(before.moved, MOST_SHARE * self.loop.deviation_max)
+        amplitude, wanted = min(before.amplitude, most), min(before.moved, MOST_SHARE * self.loop.deviation_max)
         hold = max(PROBE_SHARE_UNTIL_KNOWN * self.duration, PROVED_RESPONSES * response_time)
         for _ in range(PROBES):
             excitation = Excitation(self._settings("step", amplitude, 2.0 * hold))

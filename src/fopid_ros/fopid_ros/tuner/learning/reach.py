@@ -13,14 +13,13 @@ class Reach:
     ----------
     moved, allowed : float
         0 where nothing has been moved.
-    amplitude, kp : float
-        What was added to the control for it, and the proportional gain meanwhile.
+    amplitude : float
+        What was added to the control for it.
     """
 
     moved: float = 0.0
     allowed: float = 0.0
     amplitude: float = 0.0
-    kp: float = 0.0
 
 
 NOT_MOVED = Reach()
