@@ -22,6 +22,7 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
 from fopid_core.model.process import Process, read_process
+from fopid_core.model.two_degrees import NO_FILTER
 
 from .identification.recorded import step_record
 
@@ -161,3 +162,19 @@ def test_a_design_that_rings_as_it_runs_gives_way_to_a_slower_one() -> None:
     assert found.tuning is not None
     assert found.tuning.running is not None
     assert found.tuning.running.ms < 2.2, "the first design's is 4.69"
+
+
+def test_what_the_running_gains_would_not_hold_is_not_the_process(
+    learnt: IdentificationResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A steady-state gain of the other sign is possible where nobody saw it; no integral action holds that."""
+    assert learnt.best is not None
+    turned = Process.parse("-0.5/(s+1)")
+    monkeypatch.setattr(type(learnt.best), "sample", lambda *_: (learnt.best.process, turned))
+    gentle, wild = Fopid(0.2, 0.1), Fopid(-9.0, -9.0)
+    assert "unstable on 1 of" in tune_robustly(learnt, limits=LIMITS).message
+    found = tune_robustly(learnt, limits=LIMITS, running=(gentle, NO_FILTER))
+    assert found.success
+    assert "(1 that the gains that run would not hold left out)" in found.message
+    refused = tune_robustly(learnt, limits=LIMITS, running=(wild, NO_FILTER))
+    assert not refused.success, "gains that would not hold the learnt process itself say nothing"

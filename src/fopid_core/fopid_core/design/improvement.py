@@ -199,7 +199,8 @@ class _Trial:
         """Make a design, from what the request first comes to where that is known; the judge keeps it if the best."""
         self.tell(f"{_name(wanted)}, on all that the record leaves possible")
         try:
-            tuned = tune_robustly(self.identified, wanted, self.limits, self.clock, first, self.refuse)
+            runs = self.judge.running.gains, self.judge.running.filter
+            tuned = tune_robustly(self.identified, wanted, self.limits, self.clock, first, self.refuse, runs)
         except InputError:  # a rule that is not for this process
             if wanted.rule is None:
                 raise

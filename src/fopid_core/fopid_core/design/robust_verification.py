@@ -198,6 +198,7 @@ def tune_robustly(
     clock: Clock = time.perf_counter,
     first: TuningResult | None = None,
     refuse: Callable[[TuningResult], str] = lambda _: "",
+    running: tuple[Fopid, MeasurementFilter] | None = None,
 ) -> RobustTuning:
     """A design on a learnt process that holds on all that the record leaves possible, or a refusal.
 
@@ -214,13 +215,18 @@ def tune_robustly(
         What `first_request` comes to, where that is known.
     refuse : callable
         Why a design may not be handed out, or nothing; a more cautious one is tried then, as for the limits.
+    running : Fopid and MeasurementFilter, optional
+        That are known to hold the loop; what they would not hold is not the process.
     """
     begun = clock()
     if not identified.success or identified.best is None:
         return RobustTuning(False, identified.message, None, None, 0, clock() - begun)
     limits = limits or RobustLimits()
     wished = first_request(identified, request or TuningRequest(identified.best.process))
-    processes = plausible_processes(identified, limits, wished.sample_time)
+    possible = plausible_processes(identified, limits, wished.sample_time)
+    processes = _held(possible, running)
+    left_out = len(possible) - len(processes)
+    but = f" ({left_out} that the gains that run would not hold left out)" if left_out else ""
     waiting, attempts, failed, held = [wished], 0, wished, None
     tuning, judged, reason = None, None, ""
     while waiting:
@@ -236,7 +242,7 @@ def tune_robustly(
                 reason = _rings_as_it_runs(tuning, careful.sample_time, limits) if judged.met else ""
                 if judged.met and not reason:
                     waiting = _between(failed, careful) if held is None and attempts > 1 else []
-                    message = f"{tuning.message}; {judged}"
+                    message = f"{tuning.message}; {judged}{but}"
                     held = RobustTuning(True, message, tuning, judged, attempts, clock() - begun)
                     continue
         failed = careful
@@ -244,6 +250,17 @@ def tune_robustly(
         return replace(held, attempts=attempts, elapsed=clock() - begun)
     message = reason or _refusal(tuning, judged, attempts, limits)
     return RobustTuning(False, message, tuning, judged, attempts, clock() - begun)
+
+
+def _held(processes: Sequence[Process], running: tuple[Fopid, MeasurementFilter] | None) -> Sequence[Process]:
+    """Those that gains which are known to hold the loop would hold; all, where these would not hold the first.
+
+    A record without the slow end leaves steady-state gains of the other sign possible, which no integral action holds.
+    """
+    if running is None:
+        return processes
+    held = [process for process in processes if stability(Loop(process, *running)).stable]
+    return held if held and held[0] is processes[0] else processes
 
 
 def _between(failed: TuningRequest, held: TuningRequest) -> list[TuningRequest]:

@@ -12,7 +12,7 @@ from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.errors import InputError
 from fopid_core.runtime.performance_monitor import LoopPerformance
 from fopid_ros.tuner.controller_client import ControllerClient
-from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings, RestlessError
 from fopid_ros.tuner.learning.gain_update import (
     AcceptanceCriteria,
     GainUpdate,
@@ -203,6 +203,8 @@ class Autotuner:
         try:
             self._experiment.measure()
             second = self._make_round(began)
+        except RestlessError as error:
+            return self._taken_back(first, update, str(error))
         except InputError as error:
             self._gain_update.roll_back()
             second = Outcome(message=str(error))
@@ -225,6 +227,8 @@ class Autotuner:
             proof = ClosedLoopExperiment(self._tap, self._wait, running, asked, reach)
             proof.measure()
             against = proof.prove(response_time(outcome))
+        except RestlessError as error:
+            against = str(error)
         except InputError as error:
             return replace(outcome, message=f"{outcome.message}; not moved once more: {error}")
         return self._taken_back(outcome, update, against) if against else outcome

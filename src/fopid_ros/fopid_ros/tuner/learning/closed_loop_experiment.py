@@ -101,6 +101,10 @@ class ExperimentSettings:
     until_known: bool = True
 
 
+class RestlessError(InputError):
+    """The loop does not come to rest."""
+
+
 class ClosedLoopExperiment:
     """Moves the loop within bounds, through what is added to its control.
 
@@ -209,9 +213,8 @@ class ClosedLoopExperiment:
         )
         if not loop.at_steady_state:
             most = STEADY_STATE_SHARE * loop.deviation_max
-            raise InputError(
-                f"{loop.why_not_at_rest}, for {duration:.3g} s; allowed: a loop at rest, {most:.4g} at most"
-            )
+            rest = f"a loop at rest, {most:.4g} at most (a tenth of deviation_max)"
+            raise RestlessError(f"{loop.why_not_at_rest}, for {duration:.3g} s; allowed: {rest}")
         loop.allow_for_unrest(self._wanted.deviation_max, self._tap.history.travel("setpoint"))
 
     @property
