@@ -399,7 +399,8 @@ class ClosedLoopExperiment:
             amplitude = min(amplitude * MOST_LARGER, self._most())
         alone = f"noise {loop.noise:.3g}, by itself it swings by {loop.swing:.3g}"
         moved = f"the measurement moved by no more than {self._peak:.3g} ({alone})"
-        return f"{moved} when the control was moved by {amplitude:.3g}, the most that is allowed: is the loop closed?"
+        most = "the most that is made where nobody says an amplitude"
+        return f"{moved} when the control was moved by {amplitude:.3g}, {most}: is the loop closed?"
 
     def _first_amplitude(self) -> float:
         loop, kp = self.loop, abs(self.loop.controller.gains.kp)
