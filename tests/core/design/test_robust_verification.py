@@ -22,6 +22,7 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
 from fopid_core.model.process import Process, read_process
+from fopid_core.model.stability import Stability, stability
 from fopid_core.model.two_degrees import NO_FILTER
 
 from .identification.recorded import step_record
@@ -178,3 +179,22 @@ def test_what_the_running_gains_would_not_hold_is_not_the_process(
     assert "(1 that the gains that run would not hold left out)" in found.message
     refused = tune_robustly(learnt, limits=LIMITS, running=(wild, NO_FILTER))
     assert not refused.success, "gains that would not hold the learnt process itself say nothing"
+
+
+def test_what_the_running_gains_may_hold_stays_possible(
+    learnt: IdentificationResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A loop too close to the border to call is no proof against the process."""
+    assert learnt.best is not None
+    turned = Process.parse("-0.5/(s+1)")
+    monkeypatch.setattr(type(learnt.best), "sample", lambda *_: (learnt.best.process, turned))
+
+    def unsure(loop: Loop) -> Stability:
+        verdict = stability(loop)
+        return verdict if verdict.stable else replace(verdict, decided=False)
+
+    monkeypatch.setattr(robust_verification, "stability", unsure)
+    found = tune_robustly(learnt, limits=LIMITS, running=(Fopid(0.2, 0.1), NO_FILTER))
+    assert "left out" not in found.message
+    assert not found.success
+    assert "unstable on 1 of" in found.message

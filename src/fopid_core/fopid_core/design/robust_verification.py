@@ -253,13 +253,14 @@ def tune_robustly(
 
 
 def _held(processes: Sequence[Process], running: tuple[Fopid, MeasurementFilter] | None) -> Sequence[Process]:
-    """Those that gains which are known to hold the loop would hold; all, where these would not hold the first.
+    """Without those that gains which hold the loop would not hold, for certain; all, where the first is one of these.
 
     A record without the slow end leaves steady-state gains of the other sign possible, which no integral action holds.
     """
     if running is None:
         return processes
-    held = [process for process in processes if stability(Loop(process, *running)).stable]
+    verdicts = [stability(Loop(process, *running)) for process in processes]
+    held = [process for process, it in zip(processes, verdicts, strict=True) if it.stable or not it.decided]
     return held if held and held[0] is processes[0] else processes
 
 
