@@ -50,7 +50,7 @@ test: venv ## Run the fast tests [ARGS='-k name']
 
 .PHONY: test-slow
 test-slow: venv ## Run the tests marked slow [ARGS='-k name' SHARE=0.3]
-	@export SHARE=$(SHARE); core=0; $(PYTEST) --timeout 900 --numprocesses auto -m 'slow and not (ros or colcon or reliability)' $(ARGS) || core=$$?; \
+	@export SHARE=$(SHARE); core=0; $(PYTEST) --timeout 900 --numprocesses auto --dist worksteal -m 'slow and not (ros or colcon or reliability)' $(ARGS) || core=$$?; \
 	ros=0; $(PYTEST) --timeout 900 -m 'slow and ros and not (colcon or reliability)' $(ARGS) || ros=$$?; \
 	[[ "$$core $$ros" =~ ^(0 [05]|5 0)$$ ]]  # 5: none of them was asked for
 

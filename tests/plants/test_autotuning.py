@@ -41,9 +41,9 @@ def errors(name: str, **settings: Any) -> tuple[float, float]:
     some_of(
         [
             ("heat_exchanger", True),
-            ("motor_position", False),
             ("levitation", True),
             ("mujoco_arm", True),
+            ("motor_position", False),
             ("boiler_drum", False),
         ]
     ),

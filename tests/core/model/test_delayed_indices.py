@@ -20,7 +20,9 @@ from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
 from fopid_core.model.stability import stability
 
-LOOPS = int(os.environ.get("FOPID_LOOPS", "40"))
+from ...share import share_of
+
+LOOPS = int(os.environ.get("FOPID_LOOPS") or share_of(40))
 POWERS = {"iae": (0, 1), "ise": (0, 2), "itae": (1, 1), "itse": (1, 2), "istes": (4, 2), "istse": (2, 2)}
 FINE = 64  # parts of a step in which the error changes its sign
 

@@ -15,11 +15,12 @@ from fopid_core.model.response import step_response
 from fopid_core.model.step_transforms import StepTransforms
 from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 
+from ...share import share_of
 from .exponentials import by_exponentials
 from .extreme_loops import ExtremeGenerator
 from .random_loops import RandomLoop
 
-LOOPS = int(os.environ.get("FOPID_LOOPS", "100"))
+LOOPS = int(os.environ.get("FOPID_LOOPS") or share_of(100))
 KINDS = ("long_neutral", "stiff_delayed", "delayed_twin", "unstable_delayed", "delayed_resonant", "delayed", "neutral")
 
 

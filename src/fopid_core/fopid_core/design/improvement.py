@@ -118,6 +118,7 @@ def improve(
     refuse: Callable[[TuningResult], str] = lambda _: "",
     clock: Clock = time.perf_counter,
     every: bool = False,
+    only: TuningResult | None = None,
     tell: Callable[[str], object] = lambda _: None,
 ) -> Improvement:
     """The best design on a learnt process, if it beats the gains that run.
@@ -139,6 +140,8 @@ def improve(
     every : bool
         Whether one of each structure and rule is made, also when a better one is known; without ``compare`` what was
         asked for stays the first of them.
+    only : TuningResult, optional
+        What the request comes to, where that is known and nothing else is to be tried.
     tell : callable
         Told what is being looked at, before each design.
     """
@@ -146,6 +149,7 @@ def improve(
         return Improvement(False, identified.message, tune_robustly(identified, request, limits, clock))
     judge = LoopJudge(identified.best.process, request.sample_time, running, limits.ms_max)
     trial = _Trial(identified, limits, _and_its_flaws(refuse, identified, judge), clock, judge, tell, [])
+    compare, every = compare and only is None, every and only is None
     promising = _promising(identified, request, judge, tell) if compare or every else []
     fit = [one for one in promising if not one.refusal] if compare else []
     for one in fit[:MOST_VERIFIED]:
@@ -153,7 +157,7 @@ def improve(
             break
         trial.make(one.wanted, one.tuning)
     if judge.best is None:
-        trial.make(request)
+        trial.make(request, only)
         if request.method == "frequency" and judge.crossover and judge.noise_excess > 1.0:
             for share in SLOWER:
                 trial.make(replace(request, crossover=share * judge.crossover))

@@ -11,7 +11,7 @@ from fopid_core.design.defaults import MS_MAX, PHASE_MARGIN, U_MAX, natural_cros
 from fopid_core.design.identification.identified_model import MOST_DEVIATION, IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.identification.refusal import LEAST_FIT
-from fopid_core.design.specification import Clock, TuningRequest, TuningResult, require
+from fopid_core.design.specification import NUMBERS, Clock, TuningRequest, TuningResult, require
 from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
@@ -322,7 +322,9 @@ def _bounded(request: TuningRequest, best: IdentifiedModel) -> TuningRequest:
 
 
 def _detuned(request: TuningRequest, first: TuningResult, crossover: float) -> list[TuningRequest]:
-    """The request with less crossover than the first design, or with a tighter bound on max |S|."""
+    """The request with less crossover than the first design, or a tighter bound on max |S|; none where all is said."""
+    if {*NUMBERS} <= {*request.fixed}:
+        return []
     if request.method == "frequency":
         from_here = request.crossover or (first.achieved.crossover if first.achieved else crossover)
         margin = request.phase_margin or PHASE_MARGIN

@@ -11,6 +11,7 @@ from fopid_core.design.sampled_loop import running
 from fopid_core.design.specification import (
     Achieved,
     Bound,
+    Bounds,
     Clock,
     Expired,
     Progress,
@@ -20,10 +21,12 @@ from fopid_core.design.specification import (
     no_progress,
 )
 from fopid_core.design.verification import achieved, checks
+from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.stability import stability
+from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
 
-__all__ = ["Achieved", "Bound", "TuningRequest", "TuningResult", "tune"]
+__all__ = ["Achieved", "Bound", "TuningRequest", "TuningResult", "tune", "verify"]
 
 WORSE = 1.1
 """A design whose Ms is so many times as large as it runs is told to be so."""
@@ -71,6 +74,22 @@ def tune(request: TuningRequest, progress: Progress | None = None, clock: Clock 
         late = f"stopped after {elapsed:.3g} s (timeout {request.timeout:g} s); {result.message}"
         return replace(result, success=False, message=late, elapsed=elapsed)
     return replace(result, elapsed=elapsed)
+
+
+def verify(
+    request: TuningRequest, controller: Fopid, slow: MeasurementFilter = NO_FILTER,
+    weights: SetpointWeights = WHOLE_SETPOINT,
+) -> TuningResult:  # fmt: skip
+    """Gains that are known, with their filter and weights, as `tune` verifies what it has found; without bounds.
+
+    Examples
+    --------
+    >>> from fopid_core.model.process import read_process
+    >>> verify(TuningRequest(read_process("P1")), Fopid(kp=1.0, ki=0.4)).success
+    True
+    """
+    found = Proposal(controller, (), "gains as they were said", math.nan, 0, Bounds(), (), slow, weights)
+    return _verified(request, found)
 
 
 Method = Callable[[TuningRequest, Progress, Expired], Proposal]

@@ -18,9 +18,10 @@ from fopid_core.design.certificate.subdivision import Effort
 from fopid_core.model.margins import margins
 from fopid_core.model.stability import stability
 
+from ....share import share_of
 from ...model.random_loops import Generator, RandomLoop
 
-LOOPS = int(os.environ.get("FOPID_LOOPS", "220"))
+LOOPS = int(os.environ.get("FOPID_LOOPS") or share_of(220))
 BESIDE = 2e-6
 """Twice the error that a peak may have."""
 EFFORT = Effort(3000)

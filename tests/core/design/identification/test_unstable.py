@@ -75,6 +75,7 @@ def test_where_the_noise_of_its_own_control_loads_the_process_that_noise_is_made
         assert abs(complex(found.best.process(1j * w)) / true - 1.0) < 0.12
 
 
+@pytest.mark.slow
 def test_who_does_not_look_for_such_a_process_finds_none() -> None:
     """What adapts a running loop does not, unless the process is asked for by name."""
     held = record("1/(s-1)")

@@ -18,6 +18,8 @@ from fopid_core.study.experiments.tune_call import TuneCall
 SAMPLES_PER_PHASE = 3000
 NOISE_GAIN = 10.0
 """What tuning in time may do to noise, in times of what the PI does: as the usual filter of a PID's derivative."""
+PATIENCE = 100.0
+"""What tuning in time may take, beside nodes that run as fast as they can [s]: two cores busy with more need it."""
 PAPER_SPECIFICATIONS = {"P1": (80.0, 0.3), "P2": (80.0, 1.0), "P3": (80.0, 0.1), "P4": (80.0, 1.0)}
 """Phase margin [deg] and crossover [rad/s] of the paper's Table 3."""
 
@@ -43,6 +45,7 @@ def demo_experiment(source: str, trigger: str = "lockstep") -> Experiment:
     in_time = TuneCall(
         "time", index="iae", input="both", structure="fopid", filter_order=2, ms_max=1.6,
         u_max=_control_peak(Loop(process, gains), stretch), noise_max=NOISE_GAIN * abs(gains.kp),
+        timeout=PATIENCE,
     )  # fmt: skip
     return Experiment(
         process=source.strip() if source.strip() in TEST_BENCH else str(process),

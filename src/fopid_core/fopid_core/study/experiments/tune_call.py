@@ -40,6 +40,7 @@ class TuneCall:
     noise_max: float = 0.0
     filter_order: int = 0
     setpoint_weights: str = ""
+    timeout: float = 0.0
 
     def request(self, process: Process, sample_time: float) -> TuningRequest:
         """The core's request, as the tuner's node makes it with its parameters at their defaults.
@@ -82,7 +83,7 @@ class TuneCall:
             filter_order=self.filter_order,
             two_degrees=self.setpoint_weights == "chosen" if self.setpoint_weights else None,
             sample_time=sample_time,
-            timeout=TIMEOUT,
+            timeout=self.timeout or TIMEOUT,
         )
 
 

@@ -6,8 +6,10 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from fopid_core.design.identification.identify import identify
+from fopid_core.design.identification.identify import IdentificationResult, identify
+from fopid_core.design.identification.record import Record
 from fopid_core.design.response_verification import contradicts_rest
+from fopid_core.design.specification import TuningResult
 from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.errors import InputError
 from fopid_core.runtime.performance_monitor import LoopPerformance
@@ -31,6 +33,8 @@ EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""
 MOVED_SHARE = 0.5
 """The share of the allowed deviation that new gains may cause."""
+GENTLER = (0.7, 0.5, 0.35)
+"""How much slower gains that the loop did not bear are tried again, in turn."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,7 @@ class Autotuner:
     ) -> None:  # fmt: skip
         self._tap, self._client, self._request, self._wait = tap, client, request, wait
         self._updates: list[GainUpdate] = []
+        self._learnt: tuple[IdentificationResult, Record] | None = None
         self._began_with = read_running_controller(client)
         self._take_for(self._began_with, before)
 
@@ -157,7 +162,8 @@ class Autotuner:
         """
         try:
             self._tap.begin_injection()
-            return self._run()
+            outcome = self._run()
+            return self._more_gently(outcome) if outcome.rolled_back else outcome
         except BaseException:
             for update in reversed(self._updates):
                 update.roll_back()
@@ -176,7 +182,7 @@ class Autotuner:
         first = self._make_round(began)
         if first.applied and first.held_back and self._has_a_second_round and self._experiment.fits:
             return self._once_more(first, began)
-        return self._prove(first, self._gain_update)
+        return self._prove(first, self._gain_update, self._experiment.furthest)
 
     def _make_round(self, began: float) -> Outcome:
         """Excite, learn from all that was heard since ``began``, and apply what is better than what runs."""
@@ -201,7 +207,7 @@ class Autotuner:
         self._take_for(read_running_controller(self._client), made.reach)
         self._experiment.latest = made.latest
         try:
-            self._experiment.measure()
+            self._experiment.measure(made.furthest)
             second = self._make_round(began)
         except RestlessError as error:
             return self._taken_back(first, update, str(error))
@@ -210,14 +216,17 @@ class Autotuner:
             second = Outcome(message=str(error))
         if self._experiment.escaped:
             return self._taken_back(first, update, self._experiment.escaped)
-        second = self._prove(second, self._gain_update)
+        second = self._prove(second, self._gain_update, made.furthest)
         if second.applied:
             return replace(second, previous=first.previous, message=f"in a second round: {second.message}")
         first = replace(first, message=f"{first.message}; a second round changed nothing: {second.message}")
         return self._prove(first, update)
 
-    def _prove(self, outcome: Outcome, update: GainUpdate) -> Outcome:
-        """Move the loop as far as it was moved for the new gains; where it swings on, those from before come back."""
+    def _prove(self, outcome: Outcome, update: GainUpdate, borne: float = math.inf) -> Outcome:
+        """Move the loop as far as it was moved for the new gains; where it swings on, those from before come back.
+
+        So they do where it goes further from the setpoint than is borne while it comes to rest before.
+        """
         if not outcome.applied:
             return outcome
         self._wait.begin_round("proof", (0.95, 1.0))
@@ -225,7 +234,7 @@ class Autotuner:
             running = LoopBaseline(read_running_controller(self._client))
             asked, reach = self._request.experiment, self._experiment.reach
             proof = ClosedLoopExperiment(self._tap, self._wait, running, asked, reach)
-            proof.measure()
+            proof.measure(borne)
             against = proof.prove(response_time(outcome))
         except RestlessError as error:
             against = str(error)
@@ -235,8 +244,32 @@ class Autotuner:
 
     def _taken_back(self, outcome: Outcome, update: GainUpdate, against: str) -> Outcome:
         update.roll_back()
+        self._gain_update = update
         told = f"the previous gains are back, since with the new ones {against}"
         return replace(outcome, success=False, applied=False, rolled_back=True, message=told)
+
+    def _more_gently(self, failed: Outcome) -> Outcome:
+        """What the loop did not bear, slower; where it does not bear that either, the gains from before stay."""
+        if self._learnt is None or failed.tuned is None or failed.tuned.tuning is None:
+            return failed
+        update, reach = self._gain_update, self._experiment.reach
+        for share in GENTLER:
+            self._wait.begin_round("slower gains", (0.95, 1.0))
+            try:
+                running = LoopBaseline(read_running_controller(self._client))
+                self._experiment = ClosedLoopExperiment(self._tap, self._wait, running, self._request.experiment, reach)
+                self._experiment.measure()
+                outcome = self._designed(update, *self._learnt, slower=(failed.tuned.tuning, share))
+                if outcome.success:
+                    outcome = update.apply_and_monitor(outcome, *self._what_is_borne())
+                    outcome = self._prove(outcome, update, self._experiment.furthest)
+            except InputError as error:
+                update.roll_back()
+                return replace(failed, message=f"{failed.message}; slower ones were not tried to the end: {error}")
+            if outcome.applied:
+                first = f"{share:g} times as fast as those that came first: {failed.message}"
+                return replace(outcome, message=f"{outcome.message}; {first}")
+        return replace(failed, message=f"{failed.message}; slower ones did not do either: {outcome.message}")
 
     def _learn(self, began: float) -> Outcome:
         """A model of all that was heard since ``began``, and gains for it."""
@@ -246,14 +279,22 @@ class Autotuner:
         if not found.success or found.best is None:
             told = f"nothing was changed: {found.message} ({self._experiment.made})"
             return Outcome(message=told, model=found.best, models=found.models)
-        loop, now = self._experiment.loop, self._controller
+        now = self._controller
         wrong = contradicts_rest(found.best.process, now.gains, now.sample_time, now.filter)
         if wrong:
             told = f"nothing was changed: {wrong}; record longer or with larger moves of the control"
             return Outcome(message=told, model=found.best, models=found.models)
-        every = self._request.propose_only
-        return self._gain_update.design(
-            found, loop.sensor, loop.control_peak, loop.control_rate, every=every, record=record
+        self._learnt = found, record
+        return self._designed(self._gain_update, found, record)
+
+    def _designed(
+        self, update: GainUpdate, found: IdentificationResult, record: Record,
+        slower: tuple[TuningResult, float] | None = None,
+    ) -> Outcome:  # fmt: skip
+        """Gains for what was learnt; or those of an earlier design, slower."""
+        loop, every = self._experiment.loop, self._request.propose_only
+        return update.design(
+            found, loop.sensor, loop.control_peak, loop.control_rate, every=every, record=record, slower=slower
         )
 
     def _try_out(self, trial: Trial) -> Outcome:

@@ -14,7 +14,7 @@ from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
 from fopid_ros.tuner.learning.calm import Calm
 from fopid_ros.tuner.learning.gain_update import TICKS_MIN
 from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
-from fopid_ros.tuner.learning.loop_baseline import STEADY_STATE_SHARE, LoopBaseline, half_range, integral_time
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline, half_range, integral_time
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
@@ -175,8 +175,19 @@ class ClosedLoopExperiment:
             f"the measurement is further from the setpoint than {ends}"
         ]
 
-    def measure(self) -> None:
-        """The loop as it is, once it rests: where, and how noisy it is."""
+    def measure(self, borne: float = math.inf) -> None:
+        """The loop as it is, once it rests: where, and how noisy it is.
+
+        Parameters
+        ----------
+        borne : float
+            How far from the setpoint the measurement may be meanwhile, with gains that are not known to hold the loop.
+
+        Raises
+        ------
+        RestlessError
+            If it does not come to rest, or goes further.
+        """
         loop, duration = self.loop, self.duration
         window = self.rest_window
         ticks: deque[Tick] = deque()
@@ -192,8 +203,11 @@ class ClosedLoopExperiment:
                 ticks.popleft()
 
         def measured() -> bool:
-            now = ticks[-1].time if ticks else -math.inf
-            if not ticks or now - begun[0] < window or now - looked[0] < window / LOOKS:
+            if not ticks:
+                return False
+            _bear(ticks, borne)
+            now = ticks[-1].time
+            if now - begun[0] < window or now - looked[0] < window / LOOKS:
                 return False
             if len(ticks) < TICKS_LEAST:
                 if now - begun[0] > duration:
@@ -212,9 +226,7 @@ class ClosedLoopExperiment:
             ),
         )
         if not loop.at_steady_state:
-            most = STEADY_STATE_SHARE * loop.deviation_max
-            rest = f"a loop at rest, {most:.4g} at most (a tenth of deviation_max)"
-            raise RestlessError(f"{loop.why_not_at_rest}, for {duration:.3g} s; allowed: {rest}")
+            raise RestlessError(loop.why_not_at_rest(duration))
         loop.allow_for_unrest(self._wanted.deviation_max, self._tap.history.travel("setpoint"))
 
     @property
@@ -472,3 +484,11 @@ class ClosedLoopExperiment:
     def residual_transient(self) -> float:
         """What may still be left of the experiment when the new gains come."""
         return max(3.0 * self.loop.unrest, SETTLED_SHARE * self._peak)
+
+
+def _bear(ticks: Sequence[Tick], borne: float) -> None:
+    """End the wait of `ClosedLoopExperiment.measure` where the measurement is too far from a setpoint at rest."""
+    first, newest = ticks[0], ticks[-1]
+    off = newest.measurement - newest.setpoint
+    if abs(off) > borne and newest.setpoint == first.setpoint:
+        raise RestlessError(f"the measurement went {off:+.4g} off the setpoint ({borne:.4g} is borne)")

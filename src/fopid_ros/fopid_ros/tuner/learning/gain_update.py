@@ -15,7 +15,8 @@ from fopid_core.design.identification.record import Record
 from fopid_core.design.improvement import Candidate, improve
 from fopid_core.design.loop_judge import RunningGains
 from fopid_core.design.response_verification import held_to_record, no_objection
-from fopid_core.design.robust_verification import RobustLimits, RobustTuning
+from fopid_core.design.robust_verification import RobustLimits, RobustTuning, first_request
+from fopid_core.design.slower import slower_design
 from fopid_core.design.specification import TuningRequest, TuningResult
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
@@ -201,6 +202,7 @@ class GainUpdate:
     def design(
         self, found: IdentificationResult, sensor: SensorNoise = SILENT, control_peak: float = math.inf,
         control_rate: float = math.inf, *, every: bool = False, record: Record | None = None,
+        slower: tuple[TuningResult, float] | None = None,
     ) -> Outcome:  # fmt: skip
         """Gains for what was learnt that beat the running ones on it, verified on all that the record leaves possible.
 
@@ -217,6 +219,8 @@ class GainUpdate:
             Whether one of each structure and rule is made, for a person to choose from.
         record : Record, optional
             What it was learnt from: where that contradicts the model, gains are held to it as well.
+        slower : TuningResult and float, optional
+            A design that is to be made so many times as fast, and nothing else.
         """
         fit_pct = found.best.fit_pct if found.best else 0.0
 
@@ -243,10 +247,13 @@ class GainUpdate:
             sensor.spectrum,
             self._began_with,
         )
+        only = None
+        if slower is not None and found.best is not None:
+            wanted, only = slower_design(first_request(found, wanted), *slower)
         improved = improve(
             found, wanted, limits, running, self._criteria.compare,
             lambda tuning: self._refused(tuning) or contradicted(tuning.controller, tuning.filter),
-            every=every, tell=tell,
+            every=every, only=only, tell=tell,
         )  # fmt: skip
         told = "; ".join(filter(None, (str(found.flaws), doubt, improved.message)))
         improved = replace(improved, message=told)

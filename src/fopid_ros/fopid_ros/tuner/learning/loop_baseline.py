@@ -144,12 +144,15 @@ class LoopBaseline:
         steady = max(abs(self.offset), abs(self.drift)) <= STEADY_STATE_SHARE * self.deviation_max
         return steady and self.swing <= RESTLESS_SHARE * self.deviation_max
 
-    @property
-    def why_not_at_rest(self) -> str:
-        """Why it is not at rest."""
-        if max(abs(self.offset), abs(self.drift)) > STEADY_STATE_SHARE * self.deviation_max:
-            return f"measurement {self.offset:+.4g} off the setpoint, drifting by {self.drift:+.4g}"
-        return f"measurement swings by {self.swing:.4g} to either side: a limit cycle or a disturbance"
+    def why_not_at_rest(self, waited: float) -> str:
+        """Why it is not at rest after that time [s], and what would be."""
+        most, share = STEADY_STATE_SHARE * self.deviation_max, "tenth"
+        told = f"measurement {self.offset:+.4g} off the setpoint, drifting by {self.drift:+.4g}"
+        if max(abs(self.offset), abs(self.drift)) <= most:
+            most, share = RESTLESS_SHARE * self.deviation_max, "fifth"
+            told = f"measurement swings by {self.swing:.4g} to either side: a limit cycle or a disturbance"
+        rest = f"a loop at rest, {most:.4g} at most (a {share} of the {self.deviation_max:.4g} of deviation_max)"
+        return f"{told}, for {waited:.3g} s; allowed: {rest}"
 
 
 def half_range(measured: ArrayLike) -> float:
