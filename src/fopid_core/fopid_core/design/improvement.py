@@ -21,6 +21,7 @@ from fopid_core.design.robust_verification import (
     first_request,
     tune_robustly,
 )
+from fopid_core.design.setpoint_weights import calmest_weights
 from fopid_core.design.specification import Clock, TuningRequest, TuningResult
 from fopid_core.design.textbook import NAMES as RULES
 from fopid_core.design.textbook import textbook_loops
@@ -165,6 +166,8 @@ def improve(
     if every:
         trial.make_others(promising)
     best = judge.best if compare or asked is None else asked
+    if best is not None and compare:
+        best = best[0], trial.calmed(best[1]), best[2]
     candidates = _one_of_each(trial.made, best[1] if best else None)
     if best is None:
         first = trial.made[0]
@@ -217,6 +220,21 @@ class _Trial:
             worth = self.judge.worth(loop_of(self.judge.process, tuning))
         score = math.inf if reason or worth is None else self.judge.score(worth)
         self.made.append(Candidate(_name(wanted), tuned, worth, reason, score))
+
+    def calmed(self, chosen: RobustTuning) -> RobustTuning:
+        """A design that was made, with weights of the setpoint that overshoot less where the judge allows it."""
+        tuning = chosen.tuning
+        if tuning is None or tuning.method != "time":
+            return chosen
+        loop = loop_of(self.judge.process, tuning)
+        calm = replace(loop, weights=calmest_weights(loop, self.judge.horizon(loop)))
+        worth = self.judge.worth(calm)
+        if self.judge.not_better(worth) or self.judge.too_fast(calm):
+            return chosen
+        tuned = replace(chosen, tuning=replace(tuning, weights=calm.weights))
+        same = [replace(one, tuned=tuned, worth=worth) if one.tuned is chosen else one for one in self.made]
+        self.made[:] = same
+        return tuned
 
     def make_others(self, promising: Iterable[_Promise]) -> None:
         """Make the first of each structure and rule that has not been made, for comparison."""

@@ -110,10 +110,14 @@ class LoopJudge:
         self.control_peak = running.control_peak if math.isfinite(running.control_peak) else None
         self.control_rate = running.control_rate if math.isfinite(running.control_rate) else None
 
+    def horizon(self, loop: Loop) -> float:
+        """Over which a loop is looked at [s]: the time in which what runs settles; its own where that does not."""
+        return self._horizon or default_horizon(loop)
+
     def worth(self, loop: Loop) -> LoopWorth:
         """Over the time in which what runs settles; each loop is looked at once."""
         if loop not in self._judged:
-            horizon = self._horizon or default_horizon(loop)
+            horizon = self.horizon(loop)
             worth = loop_worth(loop, self.sample_time, horizon, self.running.spectrum)
             if math.isinf(worth.load) and math.isfinite(worth.ms):  # unknown so long after the step
                 shorter = min(horizon, default_horizon(loop))
@@ -208,7 +212,7 @@ class LoopJudge:
     def _rate(self, loop: Loop) -> float:
         """Infinite for a loop whose response is not known."""
         try:
-            return control_rate(loop, self.sample_time, self._horizon or default_horizon(loop))
+            return control_rate(loop, self.sample_time, self.horizon(loop))
         except InputError:
             return math.inf
 
