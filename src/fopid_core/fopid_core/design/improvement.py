@@ -232,8 +232,7 @@ class _Trial:
         if self.judge.not_better(worth) or self.judge.too_fast(calm):
             return chosen
         tuned = replace(chosen, tuning=replace(tuning, weights=calm.weights))
-        same = [replace(one, tuned=tuned, worth=worth) if one.tuned is chosen else one for one in self.made]
-        self.made[:] = same
+        self.made[:] = [replace(one, tuned=tuned, worth=worth) if one.tuned is chosen else one for one in self.made]
         return tuned
 
     def make_others(self, promising: Iterable[_Promise]) -> None:

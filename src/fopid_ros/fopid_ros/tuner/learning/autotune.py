@@ -33,7 +33,7 @@ EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""
 MOVED_SHARE = 0.5
 """The share of the allowed deviation that new gains may cause."""
-GENTLER = (0.7, 0.5, 0.35)
+SLOWER = (0.7, 0.5, 0.35)
 """How much slower gains that the loop did not bear are tried again, in turn."""
 
 
@@ -163,7 +163,7 @@ class Autotuner:
         try:
             self._tap.begin_injection()
             outcome = self._run()
-            return self._more_gently(outcome) if outcome.rolled_back else outcome
+            return self._try_slower(outcome) if outcome.rolled_back else outcome
         except BaseException:
             for update in reversed(self._updates):
                 update.roll_back()
@@ -248,12 +248,12 @@ class Autotuner:
         told = f"the previous gains are back, since with the new ones {against}"
         return replace(outcome, success=False, applied=False, rolled_back=True, message=told)
 
-    def _more_gently(self, failed: Outcome) -> Outcome:
+    def _try_slower(self, failed: Outcome) -> Outcome:
         """What the loop did not bear, slower; where it does not bear that either, the gains from before stay."""
         if self._learnt is None or failed.tuned is None or failed.tuned.tuning is None:
             return failed
         update, reach = self._gain_update, self._experiment.reach
-        for share in GENTLER:
+        for share in SLOWER:
             self._wait.begin_round("slower gains", (0.95, 1.0))
             try:
                 running = LoopBaseline(read_running_controller(self._client))
