@@ -7,6 +7,7 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from fopid_core.design.setpoint_weights import HARDLY_MORE, calmest_weights
 from fopid_core.model.fopid import Fopid
@@ -25,7 +26,7 @@ def seen(weight: float) -> tuple[float, float]:
     answer = control.minreal(process * (weight * KP + KI / s + 10 * s) / (1 + process * controller), verbose=False)
     time = np.linspace(0.0, HORIZON, 60_001)
     output = control.step_response(answer, time).outputs
-    return float(np.trapezoid(np.abs(1.0 - output), time)), 100.0 * max(float(output.max()) - 1.0, 0.0)
+    return float(trapezoid(np.abs(1.0 - output), time)), 100.0 * max(float(output.max()) - 1.0, 0.0)
 
 
 def test_it_overshoots_less_at_hardly_more_error() -> None:
