@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 
 from fopid_core.design.specification import STRUCTURES, TuningRequest, TuningResult
 from fopid_core.design.time.objectives import Objective
+from fopid_core.design.time.problem import LEAST_TICKS
 from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.tuning import TimeDesign, tune_time
 from fopid_core.design.tuner import tune
@@ -21,6 +22,7 @@ from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
 from fopid_core.model.response import step_response
 from fopid_core.model.response_indices import response_indices
+from fopid_core.runtime.controller import ControllerSettings, FopidController
 
 HORIZON = 40.0
 MS, MT, NOISE = 1.6, 1.3, 10.0
@@ -230,3 +232,28 @@ def test_what_cannot_go_together_is_refused() -> None:
     ):
         with pytest.raises(InputError, match="allowed"):
             tune(TuningRequest(read_process("P1"), "time", **bad))  # type: ignore[arg-type]
+
+
+def test_a_filter_is_not_sought_so_far_below_a_tick_that_the_loop_cannot_be_looked_at() -> None:
+    """A motor's speed: PID were given up, since what they make of a filter of a twentieth of a tick takes too long."""
+    tick = 0.0005
+    found = tune(
+        TuningRequest(
+            read_process("5.8/(0.0116s^1.038+1)*exp(-0.00132s)"), "time", structure="pid", index="iae", input="both",
+            load_weight=10.0, horizon=0.0855, sample_time=tick, ms_max=1.8, u_max=5.6, filter_order=2, two_degrees=True,
+            noise_density=tick, noise_rms_max=2.3, fixed={"lam": 1.0},
+        )
+    )  # fmt: skip
+    assert found.success, found.unmet
+    assert found.filter.time >= LEAST_TICKS * tick
+
+
+def test_the_shortest_filter_is_none_as_it_runs() -> None:
+    """Of a step, a tick later, exp(-5) is left at most; so runs the controller itself."""
+    tick, gains = 0.01, Fopid(2.0, 0.0)
+    filtered, plain = (
+        FopidController(ControllerSettings(gains, sample_time=tick, **settings))
+        for settings in ({"measurement_filter_order": 2, "measurement_filter_time": LEAST_TICKS * tick}, {})
+    )
+    controls = np.array([[each.step(0.0, float(k > 0)) for each in (filtered, plain)] for k in range(4)])
+    assert np.abs(controls[2:, 0] / controls[2:, 1] - 1.0).max() <= math.exp(-5.0)

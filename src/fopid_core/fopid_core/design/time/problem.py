@@ -39,6 +39,8 @@ LEAST_ORDER = 0.05
 """Of an integral and of a derivative."""
 FILTER_TIMES = (1e-2, 3.0)
 """Of the filter of the measurement, in units of the process's time."""
+LEAST_TICKS = 0.2
+"""The shortest filter, in ticks: of what it holds one tick leaves exp(-5); shorter ones run alike."""
 FILTER_SCALE = 0.1
 """What a filter's time is measured in, in these units."""
 SAFE = 3e-5
@@ -184,7 +186,9 @@ class TimeProblem:
         degree = self.process.relative_degree + asked.filter_order
         gains = np.sort(np.stack([0.0 * highest, highest], axis=1), axis=1)
         orders = [[LEAST_ORDER, 2.0], [LEAST_ORDER, min(2.0, max(degree, LEAST_ORDER))]]
-        slow = np.array(FILTER_TIMES) / self.speed if asked.filter_order else np.zeros(2)
+        shortest, longest = np.array(FILTER_TIMES) / self.speed
+        shortest = min(max(shortest, LEAST_TICKS * asked.sample_time), longest)
+        slow = [shortest, longest] if asked.filter_order else [0.0, 0.0]
         weights = [0.0 if asked.two_degrees else 1.0, 1.0]
         box = np.concatenate([gains, orders, [slow, weights, weights]])[: len(names)]
         for name, bounds in asked.bounds.items():
