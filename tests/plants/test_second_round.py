@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.design.tuner import tune
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process, read_process
+from fopid_ros.tuner.learning import autotune
 from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings, RestlessError
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, read_running_controller
@@ -35,13 +37,13 @@ CRITERIA = AcceptanceCriteria(
 Design = Callable[[int], Outcome]
 
 
-def found(share: float, held_back: bool = True) -> Outcome:
+def found(share: float, held_back: bool = True, **learnt: Any) -> Outcome:
     """Start gains, larger by a factor, as the outcome of a design."""
     process = Process.parse("1/(20s+1)*exp(-5s)")
     tuning = tune(TuningRequest(process, "rule", rule="simc-pi"))
     gains = Fopid(*(share * gain for gain in GALLERY[NAME].gains))
     tuned = RobustTuning(True, "found", replace(tuning, controller=gains), None, 1, 0.0)
-    return Outcome(True, f"{share:g} times", tuned=tuned, held_back=held_back)
+    return Outcome(True, f"{share:g} times", tuned=tuned, held_back=held_back, **learnt)
 
 
 @pytest.fixture
@@ -93,6 +95,27 @@ def test_it_is_one_round_where_the_slow_end_was_seen(designed: Callable[[Design]
     loop, outcome = tuned()
     assert outcome.applied
     assert (len(records), share_of(loop)) == (1, pytest.approx(1.2))
+
+
+@pytest.mark.parametrize(("livelier", "aims"), [(1.19, [math.inf, 10.0]), (1.21, [math.inf])])
+def test_much_livelier_gains_are_followed_by_a_round_that_learns_from_theirs_alone(
+    livelier: float, aims: list[float], designed: Callable[[Design], list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A level was learnt with its valve's lag taken for delay, while the loop was a sixth as fast."""
+    monkeypatch.setattr(autotune, "LIVELIER", livelier)
+    learnt = found(1.2, held_back=False, model=SimpleNamespace(crossover=0.05), noise_gain_aim=8.0)
+    records = designed(lambda number: learnt if number == 1 else Outcome(message="nothing better"))
+    make, rounds = Autotuner._make_round, []
+
+    def made(self: Autotuner, began: float) -> Outcome:
+        rounds.append((began, self._gain_update._noise_gain_aim))
+        return make(self, began)
+
+    monkeypatch.setattr(Autotuner, "_make_round", made)
+    _, outcome = tuned()
+    assert outcome.applied
+    assert [aim for _, aim in rounds] == aims
+    assert all(began > rounds[0][0] + records[0].span for began, _ in rounds[1:])
 
 
 @pytest.mark.parametrize(

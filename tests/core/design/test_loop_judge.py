@@ -38,6 +38,13 @@ def judge(alone: LoopJudge) -> LoopJudge:
     return judge
 
 
+def test_a_second_round_aims_at_no_more_movement_than_the_first(judge: LoopJudge) -> None:
+    aim = judge.noise_gain_aim
+    for earlier, expected in ((2.0 * aim, aim), (0.9 * aim, 0.9 * aim), (1e-6, judge.worth(judge.runs).noise_gain)):
+        judge.running = replace(judge.running, noise_gain_aim=earlier)
+        assert judge.noise_gain_aim == pytest.approx(expected), "what runs moves it as much"
+
+
 @pytest.mark.parametrize(("gains", "weights"), [
     (Fopid(2.0, 0.5), SetpointWeights(1.0, 0.0)), (Fopid(0.5, 0.3), SetpointWeights(0.0, 0.0)),
 ])  # fmt: skip

@@ -101,6 +101,8 @@ class Improvement:
         One of each method that was tried, the best first, those that may not be used last.
     held_back : bool
         The record does not show the process's slow end, and gains were searched in ranges for that.
+    noise_gain_aim : float
+        What was aimed at of the noise gain; infinite where nothing bounds it.
     """
 
     success: bool
@@ -108,6 +110,7 @@ class Improvement:
     tuned: RobustTuning
     candidates: tuple[Candidate, ...] = ()
     held_back: bool = False
+    noise_gain_aim: float = math.inf
 
 
 def improve(
@@ -177,7 +180,7 @@ def improve(
     parts = [tuned.message, judge.told(tuned, wanted.rule or wanted.method)]
     unseen = bool(_box(identified, judge))
     parts += [UNSEEN_END] * unseen + [RUNS_AWAY] * identified.best.structure.runs_away
-    return Improvement(True, "; ".join(parts), tuned, candidates, held_back=unseen and compare)
+    return Improvement(True, "; ".join(parts), tuned, candidates, unseen and compare, judge.noise_gain_aim)
 
 
 def _and_its_flaws(
@@ -358,8 +361,7 @@ def _box(identified: IdentificationResult, judge: LoopJudge) -> dict[str, tuple[
     steady = best.process.steady_state_gain
     if abs(steady) < UNSEEN * abs(at_work):
         return {}
-    began_with = judge.running.began_with or judge.running.gains
-    sign, now = math.copysign(1.0, steady), abs(complex(began_with(1j * w)))
+    sign, now = math.copysign(1.0, steady), abs(complex(judge.running.gains(1j * w)))
     gain = min(LARGEST / abs(at_work), LARGEST_STEP * now or math.inf)
     most = {"kp": gain, "ki": gain * w, "kd": gain / w}
     return {name: (min(0.0, sign * value), max(0.0, sign * value)) for name, value in most.items()}

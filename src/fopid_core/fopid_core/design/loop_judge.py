@@ -63,8 +63,9 @@ class RunningGains:
         Of the measurement and of the setpoint, that run with the gains.
     spectrum : NoiseSpectrum or None
         Of that noise; None where it may be white.
-    began_with : Fopid or None
-        The gains before the first round of a tuning; None where that is this one.
+    noise_gain_aim : float
+        No more than this is aimed at, since an earlier round of the tuning did not either; infinite where this is the
+        first.
     """
 
     gains: Fopid
@@ -75,7 +76,7 @@ class RunningGains:
     filter: MeasurementFilter = NO_FILTER
     weights: SetpointWeights = WHOLE_SETPOINT
     spectrum: NoiseSpectrum | None = None
-    began_with: Fopid | None = None
+    noise_gain_aim: float = math.inf
 
 
 class LoopJudge:
@@ -156,11 +157,12 @@ class LoopJudge:
 
         Of rules that leave about as much, the quietest says that: on the plant itself it may be the best.
         """
+        before = min(self.noise_gain_max, self.running.noise_gain_aim)
         if self.textbook is None or math.isinf(self.noise_gain_max):
-            return self.noise_gain_max
+            return max(before, self._quietest)
         quietest = min(rule.noise_gain for rule in self._rules if rule.load <= ALIKE * self.textbook.load)
         aim = max(AHEAD_IN_NOISE * quietest, HARDLY_MOVES * self.noise_gain_max)
-        return max(min(aim, self.noise_gain_max), self._quietest)
+        return max(min(aim, before), self._quietest)
 
     @property
     def load_scale(self) -> float:

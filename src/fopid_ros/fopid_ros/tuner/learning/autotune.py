@@ -33,6 +33,11 @@ EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""
 MOVED_SHARE = 0.5
 """The share of the allowed deviation that new gains may cause."""
+LIVELIER = 5.0
+"""Gains that act so many times as strongly as before, where a controller would, make a loop that works where the record
+of the loop before hardly shows the process."""
+MORE_MOVEMENT = 1.25
+"""What such a loop may aim at of the control's movement from noise, in what was aimed at before."""
 SLOWER = (0.7, 0.5, 0.35)
 """How much slower gains that the loop did not bear are tried again, in turn."""
 
@@ -52,7 +57,8 @@ class AutotuneRequest:
     trial : Trial or None
         Gains to try instead of learning; they have been judged.
     second_round : bool
-        Whether all is done once more with the new gains, where the record did not show the process's slow end.
+        Whether all is done once more with the new gains, where the record did not show the process's slow end, or these
+        are much livelier.
     """
 
     experiment: ExperimentSettings
@@ -66,8 +72,9 @@ class AutotuneRequest:
 class Autotuner:
     """Runs one autotuning in the calling thread, while others spin the node.
 
-    Where the record does not show the process's slow end, gains are held back. A second round follows then with them:
-    the livelier loop shows the process where it works, and both rounds' signals are learnt from together.
+    Where the record does not show the process's slow end, gains are held back. A second round follows then with them,
+    and both rounds' signals are learnt from together. So it does where the gains are much livelier: such a loop shows
+    the process where it works, and is learnt from alone, with hardly more movement of the control than was aimed at.
 
     References
     ----------
@@ -97,17 +104,16 @@ class Autotuner:
         self._tap, self._client, self._request, self._wait = tap, client, request, wait
         self._updates: list[GainUpdate] = []
         self._learnt: tuple[IdentificationResult, Record] | None = None
-        self._began_with = read_running_controller(client)
-        self._take_for(self._began_with, before)
+        self._take_for(read_running_controller(client), before)
 
-    def _take_for(self, controller: RunningController, before: Reach) -> None:
+    def _take_for(self, controller: RunningController, before: Reach, noise_gain_aim: float = math.inf) -> None:
         """Begin a round with the controller as it runs."""
         self._controller = controller
         self._experiment = ClosedLoopExperiment(
             self._tap, self._wait, LoopBaseline(controller), self._request.experiment, before
         )
         self._gain_update = GainUpdate(
-            self._tap, self._client, self._wait, controller, self._request.criteria, self._began_with.gains
+            self._tap, self._client, self._wait, controller, self._request.criteria, noise_gain_aim
         )
         self._updates.append(self._gain_update)
 
@@ -136,7 +142,8 @@ class Autotuner:
         proving = "proving: moved once more as far as that; the gains from before come back if the loop swings on"
         lines += ["applying: without a bump, on trial", watching, proving]
         if self._has_a_second_round:
-            lines.append("all that once more with the new gains, where the record does not show the process's slow end")
+            where = "where the record does not show the process's slow end, or these are much livelier"
+            lines.append(f"all that once more with the new gains, {where}")
         return lines, experiment.estimate
 
     @property
@@ -149,6 +156,14 @@ class Autotuner:
         """Where nobody has said how long it is to take, nor that nothing is to be applied."""
         asked = self._request
         return asked.second_round and self._experiment.ends_when_known and not asked.propose_only
+
+    def _is_livelier(self, outcome: Outcome) -> bool:
+        """Whether new gains act far more strongly than those before."""
+        tuning = outcome.tuned.tuning if outcome.tuned else None
+        if outcome.model is None or tuning is None or tuning.controller is None:
+            return False
+        s = 1j * outcome.model.crossover
+        return abs(complex(tuning.controller(s))) >= LIVELIER * abs(complex(self._controller.gains(s)))
 
     def run(self) -> Outcome:
         """Do it; however it ends, the loop is left with gains that are known to hold it.
@@ -180,7 +195,8 @@ class Autotuner:
         self._tap.history.whole_since = began
         self._wait.begin_round("", (0.0, 0.5 if self._has_a_second_round else 1.0))
         first = self._make_round(began)
-        if first.applied and first.held_back and self._has_a_second_round and self._experiment.fits:
+        again = first.applied and (first.held_back or self._is_livelier(first))
+        if again and self._has_a_second_round and self._experiment.fits:
             return self._once_more(first, began)
         return self._prove(first, self._gain_update, self._experiment.furthest)
 
@@ -204,11 +220,12 @@ class Autotuner:
         """A second round; where it comes to nothing, what the first came to stays, if the loop bears to be moved."""
         made, update = self._experiment, self._gain_update
         self._wait.begin_round("second round", (0.5, 1.0))
-        self._take_for(read_running_controller(self._client), made.reach)
+        aim = math.inf if first.held_back else MORE_MOVEMENT * first.noise_gain_aim
+        self._take_for(read_running_controller(self._client), made.reach, aim)
         self._experiment.latest = made.latest
         try:
             self._experiment.measure(made.furthest)
-            second = self._make_round(began)
+            second = self._make_round(began if first.held_back else self._tap.history.newest_time("control"))
         except RestlessError as error:
             return self._taken_back(first, update, str(error))
         except InputError as error:

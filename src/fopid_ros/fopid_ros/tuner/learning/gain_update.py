@@ -86,6 +86,7 @@ class Outcome:
     previous: RunningDesign | None = None
     certificate: str = ""
     held_back: bool = False
+    noise_gain_aim: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -180,8 +181,8 @@ class GainUpdate:
     wait : LoopWait
     controller : RunningController
     criteria : AcceptanceCriteria
-    began_with : Fopid or None
-        The gains before the first of several; None where that is this one.
+    noise_gain_aim : float
+        What an earlier round aimed at of the noise gain; infinite where this is the first.
     """
 
     def __init__(
@@ -191,9 +192,9 @@ class GainUpdate:
         wait: LoopWait,
         controller: RunningController,
         criteria: AcceptanceCriteria,
-        began_with: Fopid | None = None,
+        noise_gain_aim: float = math.inf,
     ) -> None:
-        self._tap, self._client, self._wait, self._began_with = tap, client, wait, began_with
+        self._tap, self._client, self._wait, self._noise_gain_aim = tap, client, wait, noise_gain_aim
         wait.sample_time = controller.sample_time
         self._controller, self._criteria = controller, criteria
         self._previous: RunningDesign | None = None
@@ -245,7 +246,7 @@ class GainUpdate:
             now.filter,
             now.weights,
             sensor.spectrum,
-            self._began_with,
+            self._noise_gain_aim,
         )
         only = None
         if slower is not None and found.best is not None:
@@ -261,6 +262,7 @@ class GainUpdate:
         outcome = Outcome(
             improved.success, improved.message, model=found.best, models=found.models,
             candidates=improved.candidates, tuned=improved.tuned, held_back=improved.held_back,
+            noise_gain_aim=improved.noise_gain_aim,
         )  # fmt: skip
         if not improved.success or improved.tuned.tuning is None:
             return replace(outcome, success=False, message=f"nothing was changed: {improved.message}")
