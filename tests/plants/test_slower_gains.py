@@ -66,7 +66,7 @@ def tuned(monkeypatch: pytest.MonkeyPatch, times: float) -> tuple[VirtualLoop, O
     return loop, Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", CRITERIA, False), loop).run()  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("times", "share"), [(6.0, 0.5), (9.0, 0.35)])
+@pytest.mark.parametrize(("times", "share"), [(6.0, 0.5), pytest.param(9.0, 0.35, marks=pytest.mark.slow)])
 def test_gains_that_swing_are_taken_back_and_slower_ones_are_proved(
     times: float, share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

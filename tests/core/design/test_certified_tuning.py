@@ -34,6 +34,7 @@ def test_a_design_that_breaks_a_bound_or_is_unstable_is_not_applied() -> None:
     assert "no design" in certificate_or_refusal(REQUEST, replace(result, controller=None), 4.0)[1]
 
 
+@pytest.mark.slow
 def test_a_bound_that_is_in_force_by_default_is_proved_too() -> None:
     request = TuningRequest(read_process("1/(s+1)^2"), method="time")
     result = tune(request)

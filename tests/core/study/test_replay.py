@@ -129,7 +129,7 @@ def _signals(record) -> tuple:
     return record.time, record.setpoint, record.measurement, record.control
 
 
-@pytest.mark.parametrize("seed", [8, 24])
+@pytest.mark.parametrize("seed", [pytest.param(8, marks=pytest.mark.slow), 24])
 def test_samples_that_are_lost_widen_the_bands_and_leave_the_ticks_where_they_are(seed: int) -> None:
     plant = Foreign(seed)
     whole = plant.run(plant.running, SAMPLES)
@@ -146,6 +146,7 @@ def test_samples_that_are_lost_widen_the_bands_and_leave_the_ticks_where_they_ar
     assert found.after_low.iae <= truth.iae <= found.after_high.iae
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_where_a_process_that_hardly_damps_is_found_others_about_it_are_drawn() -> None:
     """None was within what was looked for, and so it went on drawing for ever."""

@@ -58,7 +58,7 @@ SPECS = (
     Spec("autotune.deviation_max", 0.0, "distance from setpoint that ends it; 0: from noise and limits", 0.0, 1e9),
     Spec("autotune.duration", 0.0, "length of the experiment [s]; 0: 20 integral times of the gains", 0.0, 1e9),
     Spec("autotune.until_known", True, "a prbs without duration ends once its record says enough for a design"),
-    Spec("autotune.second_round", True, "a second round follows where the record did not show the process's slow end"),
+    Spec("autotune.second_round", True, "a second round where no slow end was seen, or gains are much livelier"),
     Spec("adapt", "off", "learn on from normal operation and retune when the process has drifted", choices=ADAPT),
     Spec("adapt_window", 0.0, "signals that a drift is judged by [s]; 0: 20 integral times of the gains", 0.0, 1e6),
     *loop_tap.SPECS,

@@ -44,8 +44,9 @@ def day(spring: float, size: float, seed: int, pushed: float = 0.0, seconds: flo
     return Record(*np.array(rows).T)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("spring", [0.6, pytest.param(0.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("spring", [0.6, 0.0])
 def test_friction_is_learnt_and_the_process_without_it(spring: float, seed: int) -> None:
     found = identify(day(spring, SIZE, seed), noise=NOISE)
     assert found.success, found.message

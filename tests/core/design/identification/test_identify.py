@@ -219,7 +219,9 @@ STEP = (TIME > 4.0).astype(float)
         (0.0 * TIME + 2.0, np.exp(-TIME), "move it in steps within its limits"),
         (STEP, RNG.standard_normal(TIME.size), "too little information"),
         pytest.param(STEP, 0.05 * np.cumsum(RNG.standard_normal(TIME.size)), "", marks=pytest.mark.slow),
-        ((TIME > 0.2).astype(float), np.exp(0.3 * TIME) - 1.0, "stabilise the process first"),
+        pytest.param(
+            (TIME > 0.2).astype(float), np.exp(0.3 * TIME) - 1.0, "stabilise the process first", marks=pytest.mark.slow
+        ),
         (STEP, 0.02 * TIME**2 + 0.01 * RNG.standard_normal(TIME.size), ""),
     ],
     ids=["still", "no excitation", "saturated", "all noise", "random walk", "unstable", "accelerating drift"],

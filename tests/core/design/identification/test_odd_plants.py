@@ -101,6 +101,7 @@ def check_loop(odd: Odd, gains: Fopid) -> None:
     assert last.std() < 0.05
 
 
+@pytest.mark.slow
 def test_a_quantised_measurement_is_tuned_for() -> None:
     gains = tuned("quantised", "prbs")
     assert gains is not None

@@ -48,10 +48,9 @@ def error_at(found, w: float, process: Sample) -> float:  # type: ignore[no-unty
     return float(abs(complex(found(s)) / true - 1.0))
 
 
-@pytest.mark.parametrize("moved", ["control", pytest.param("setpoint", marks=pytest.mark.slow)])
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name == "1/(s-1)" else pytest.mark.slow) for name in HELD]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("moved", ["control", "setpoint"])
+@pytest.mark.parametrize("name", HELD)
 def test_what_a_loop_holds_is_learnt_with_a_confidence_that_contains_it(name: str, moved: str) -> None:
     found = identify(record(name, moved=moved), noise=0.01)
     assert found.success, found.message

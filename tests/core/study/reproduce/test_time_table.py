@@ -62,6 +62,7 @@ def test_a_row_that_agrees_and_one_that_does_not_are_told_apart() -> None:
     )
 
 
+@pytest.mark.slow
 def test_our_tuning_is_better_within_the_printed_controllers_own_bounds() -> None:
     row = time_row(printed_tuning("P1", "ITAE"))
     assert row.beaten
