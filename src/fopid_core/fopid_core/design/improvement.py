@@ -218,10 +218,10 @@ class _Trial:
         reason = self.judge.reason(tuned) if tuned.success else tuned.message
         if not reason:
             self.judge.take(tuned, wanted)
-        tuning, worth = tuned.tuning, None
+        tuning, worth, score = tuned.tuning, None, math.inf
         if tuning is not None and tuning.controller is not None:
             worth = self.judge.worth(loop_of(self.judge.process, tuning))
-        score = math.inf if reason or worth is None else self.judge.score(worth)
+            score = math.inf if reason else self.judge.score(worth, tuning.controller)
         self.made.append(Candidate(_name(wanted), tuned, worth, reason, score))
 
     def calmed(self, chosen: RobustTuning) -> RobustTuning:
@@ -230,7 +230,8 @@ class _Trial:
         if tuning is None or tuning.method != "time":
             return chosen
         loop = loop_of(self.judge.process, tuning)
-        calm = replace(loop, weights=calmest_weights(loop, self.judge.horizon(loop)))
+        held = replace(loop, process=as_held(loop.process, self.judge.sample_time))
+        calm = replace(loop, weights=calmest_weights(held, self.judge.horizon(loop)))
         worth = self.judge.worth(calm)
         if self.judge.not_better(worth) or self.judge.too_fast(calm):
             return chosen
@@ -295,7 +296,7 @@ def _promising(
         new = judge.worth(loop)
         unknown = "" if math.isfinite(new.load) else "its responses are not known"
         refusal = judge.too_noisy(new) or unknown or judge.too_fast(loop)
-        found.append(_Promise(judge.score(new), wanted, tuning, new, refusal))
+        found.append(_Promise(judge.score(new, tuning.controller), wanted, tuning, new, refusal))
         return new.noise_gain / judge.noise_gain_max
 
     _hold_to_textbook(identified, request, judge)
@@ -311,14 +312,14 @@ def _promising(
         looked_at(replace(best.wanted, ms_max=judge.textbook.ms if judge.textbook else None))
         fit = [one for one in found if not one.refusal]
     judge.note_reach(one.worth for one in fit)
-    fit = [replace(one, score=judge.score(one.worth)) for one in fit]
+    fit = [replace(one, score=judge.score(one.worth, one.tuning.controller)) for one in fit]
     if fit and usual.noise_rms_max is not None and not usual.bounds:
         best = min(fit, key=lambda one: one.score)
         for share in QUIETER:
             looked_at(replace(best.wanted, noise_rms_max=share * best.worth.noise_gain * judge.whiter))
     for rule in RULES:
         looked_at(replace(request, method="rule", rule=rule))
-    found = [replace(one, score=judge.score(one.worth)) for one in found]
+    found = [replace(one, score=judge.score(one.worth, one.tuning.controller)) for one in found]
     return sorted(found, key=lambda one: (bool(one.refusal), one.score))
 
 

@@ -27,6 +27,8 @@ LOAD_WEIGHT = 2.0 / 3.0
 QUIET_WEIGHT, LEAST_SHARE = 0.2, 0.05
 """Half the movement is worth an eighth of the error, 2^-0.2, but no more load than is aimed at; below that share of
 what is aimed at nobody feels it."""
+PLAIN = 1.1
+"""By which a derivative must pay, and so must orders that are not whole: the process is not known any better."""
 HARDLY_MOVES = 0.1
 """Share of the movement that is allowed below which no rule's is worth to be met."""
 AHEAD, AHEAD_IN_NOISE, SHORT_WEIGHT = 0.8, 0.6, 2.0
@@ -227,17 +229,23 @@ class LoopJudge:
 
     def take(self, tuned: RobustTuning, wanted: TuningRequest) -> None:
         """Keep a design if it is the best so far."""
-        score = self.score(self._pair(tuned)[0])
+        score = self.score(self._pair(tuned)[0], tuned.tuning.controller if tuned.tuning else None)
         if self.best is None or score < self.best[0]:
             self.best = score, tuned, wanted
 
-    def score(self, new: LoopWorth) -> float:
-        """Errors beside those of the running gains; less control from noise is worth some of it, more load none."""
+    def score(self, new: LoopWorth, controller: Fopid | None = None) -> float:
+        """Errors beside those of the running gains; less control from noise is worth some of it, more load none.
+
+        With a controller, the simpler the better.
+        """
         load = new.load / self.load_aim if self.textbook else 0.0
         moves = new.noise_gain / self.noise_gain_aim
         quiet = max(moves, LEAST_SHARE) if load <= 1.0 else 1.0
         return float(
-            self.errors(new) * min(quiet, 1.0) ** QUIET_WEIGHT * (max(load, 1.0) * max(moves, 1.0)) ** SHORT_WEIGHT
+            self.errors(new)
+            * PLAIN ** _terms(controller)
+            * min(quiet, 1.0) ** QUIET_WEIGHT
+            * (max(load, 1.0) * max(moves, 1.0)) ** SHORT_WEIGHT
         )
 
     def errors(self, new: LoopWorth) -> float:
@@ -256,6 +264,14 @@ class LoopJudge:
         if tuned.tuning is None or tuned.tuning.controller is None:
             raise InputError("a tuning without gains; allowed: one that succeeded")
         return self.worth(loop_of(self.process, tuned.tuning)), self.worth(self.runs)
+
+
+def _terms(controller: Fopid | None) -> int:
+    """How many more things than a PI a controller has: a derivative, orders that are not whole."""
+    if controller is None:
+        return 0
+    whole = controller.lam == 1.0 and (controller.mu == 1.0 or not controller.kd)
+    return (controller.kd != 0.0) + (not whole)
 
 
 def _held_by(running: RunningGains, process: Process, sample_time: float) -> Process:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
+from fopid_core.design.robust_verification import as_held
 from fopid_core.design.sampled_loop import sampled_controller, sampled_process
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
@@ -52,6 +53,8 @@ class LoopWorth:
 def loop_worth(loop: Loop, sample_time: float, horizon: float, spectrum: NoiseSpectrum | None = None) -> LoopWorth:
     """Judge a loop whose controller ticks every ``sample_time`` [s] over a horizon [s], in noise of a spectrum.
 
+    The control is held from tick to tick, which counts as a delay of half as long.
+
     Examples
     --------
     >>> from fopid_core.model.fopid import Fopid
@@ -60,16 +63,17 @@ def loop_worth(loop: Loop, sample_time: float, horizon: float, spectrum: NoiseSp
     >>> round(judged.setpoint, 3), round(judged.load, 3)  # 1/(s+1) and s/(s+1)^2
     (1.0, 1.0)
     """
-    if not stability(loop).stable:
+    held = replace(loop, process=as_held(loop.process, sample_time))
+    if not stability(held).stable:
         return LoopWorth(math.inf, math.inf, math.inf, math.inf)
     errors = []
     for source in ("setpoint", "load"):
         try:
-            response = step_response(loop, horizon, source)
+            response = step_response(held, horizon, source)
             errors.append(indices(response.time, response.error).iae)
         except InputError:  # near the border of stability the response is not known
             errors.append(math.inf)
-    return LoopWorth(errors[0], errors[1], margins(loop).ms, noise_gain(loop, sample_time, spectrum))
+    return LoopWorth(errors[0], errors[1], margins(held).ms, noise_gain(loop, sample_time, spectrum))
 
 
 def noise_gain(loop: Loop, sample_time: float, spectrum: NoiseSpectrum | None = None) -> float:
