@@ -7,12 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
-from fopid_core.design.loop_judge import AHEAD, AHEAD_IN_NOISE, ALIKE, BEHIND, LoopJudge, RunningGains
-from fopid_core.design.loop_worth import LoopWorth
+from fopid_core.design.loop_judge import AHEAD, AHEAD_IN_NOISE, ALIKE, BEHIND, PLAIN, LoopJudge, RunningGains
+from fopid_core.design.loop_worth import LoopWorth, loop_worth
+from fopid_core.design.sampled_loop import running
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.indices import indices
 from fopid_core.model.loop import Loop
+from fopid_core.model.margins import margins
 from fopid_core.model.process import Process
 from fopid_core.model.response import step_response
 from fopid_core.model.stability import stability
@@ -27,8 +30,8 @@ RULE = LoopWorth(1.0, 0.5, 1.6, 2.0)
 
 @pytest.fixture(scope="module")
 def alone() -> LoopJudge:
-    running = RunningGains(Fopid(0.2, 0.05), noise=0.01, control_movement=0.1)
-    return LoopJudge(Process.parse("1/(s+1)*exp(-0.2s)"), 0.05, running, 2.2)
+    runs = RunningGains(Fopid(0.2, 0.05), noise=0.01, control_movement=0.1)
+    return LoopJudge(Process.parse("1/(s+1)*exp(-0.2s)"), 0.05, runs, 2.2)
 
 
 @pytest.fixture
@@ -56,8 +59,8 @@ def test_a_control_that_would_move_faster_than_its_actuator_is_refused(gains: Fo
     rate = float(np.abs(np.diff(np.append(0.0, trace.control))).max()) / h
     loop = Loop(process, gains, weights=weights)
     for share, refused in ((1.1, False), (0.9, True)):
-        running = RunningGains(Fopid(0.1, 0.01), control_rate=share * rate, weights=SetpointWeights(0.0, 0.0))
-        assert bool(LoopJudge(process, h, running, 2.2).too_fast(loop)) == refused
+        runs = RunningGains(Fopid(0.1, 0.01), control_rate=share * rate, weights=SetpointWeights(0.0, 0.0))
+        assert bool(LoopJudge(process, h, runs, 2.2).too_fast(loop)) == refused
     assert not LoopJudge(process, h, RunningGains(Fopid(0.1, 0.01)), 2.2).too_fast(loop)
     lively = RunningGains(Fopid(6.0, 1.0), control_rate=0.5 * rate)
     assert not LoopJudge(process, h, lively, 2.2).too_fast(loop), "what runs moves it as fast"
@@ -72,6 +75,40 @@ def test_what_runs_is_judged_behind_the_hold_where_only_that_tames_its_derivativ
     response = step_response(Loop(process, Fopid(1.0, 0.5)), 20.0)  # whose derivative hardly does anything
     seen = judge.worth(Loop(judge.process, gains))
     assert seen.setpoint == pytest.approx(indices(response.time, response.error).iae, rel=0.02)
+
+
+@pytest.mark.parametrize(("text", "h", "gains"), [
+    ("1.5/(0.8s+1)*exp(-0.1s)", 0.1, Fopid(2.0, 5.0)), ("1.5/(0.8s+1)*exp(-0.3s)", 0.1, Fopid(1.0, 1.5)),
+    ("1/((5s+1)(80s+1))*exp(-s)", 2.0, Fopid(10.0, 0.3)),
+])  # fmt: skip
+def test_a_loop_is_judged_as_it_runs_with_its_control_held(text: str, h: float, gains: Fopid) -> None:
+    """Run tick by tick. Without the hold a reactor's loop seemed to be half as far from trouble as it was."""
+    process = Process.parse(text)
+    worth, alone = loop_worth(Loop(process, gains), h, 200.0 * h), margins(Loop(process, gains)).ms
+    assert worth.setpoint == pytest.approx(run_error(process, h, gains, setpoint=1.0), rel=0.01)
+    assert worth.load == pytest.approx(run_error(process, h, gains, load=1.0), rel=0.01)
+    ms = running(process, gains, h).ms
+    assert abs(worth.ms / ms - 1.0) < 0.01 < 0.1 < abs(alone / ms - 1.0)
+
+
+def run_error(process: Process, h: float, gains: Fopid, setpoint: float = 0.0, load: float = 0.0) -> float:
+    """Integral of the absolute error of a controller that ticks beside a plant in steps of a twentieth of that."""
+    plant, errors, control = Plant(PlantSettings(process, h / 20.0)), [], 0.0
+    controller = FopidController(as_designed(gains, h, NO_FILTER, SetpointWeights()))
+    for k in range(200 * 20):
+        if k % 20 == 0:
+            control = controller.step(setpoint, plant.measurement)
+        errors.append(abs(setpoint - plant.measurement))
+        plant.step(control + load)
+    return float(trapezoid(errors, dx=h / 20.0))
+
+
+@pytest.mark.parametrize(("gains", "terms"), [
+    (Fopid(1.0, 1.0), 0), (Fopid(1.0, 1.0, 0.0, 1.0, 0.5), 0), (Fopid(1.0, 1.0, 0.1), 1),
+    (Fopid(1.0, 1.0, 0.0, 0.9), 1), (Fopid(1.0, 1.0, 0.1, 1.0, 1.2), 2),
+])  # fmt: skip
+def test_a_derivative_and_orders_that_are_not_whole_must_pay(judge: LoopJudge, gains: Fopid, terms: int) -> None:
+    assert judge.score(RULE, gains) == pytest.approx(PLAIN**terms * judge.score(RULE))
 
 
 def test_the_rule_that_leaves_least_after_a_load_is_the_mark(judge: LoopJudge) -> None:

@@ -53,7 +53,8 @@ class LoopWorth:
 def loop_worth(loop: Loop, sample_time: float, horizon: float, spectrum: NoiseSpectrum | None = None) -> LoopWorth:
     """Judge a loop whose controller ticks every ``sample_time`` [s] over a horizon [s], in noise of a spectrum.
 
-    The control is held from tick to tick, which counts as a delay of half as long.
+    The control is held from tick to tick, which counts as a delay of half as long; the setpoint moves at a tick, and so
+    is acted on without that delay.
 
     Examples
     --------
@@ -73,7 +74,8 @@ def loop_worth(loop: Loop, sample_time: float, horizon: float, spectrum: NoiseSp
             errors.append(indices(response.time, response.error).iae)
         except InputError:  # near the border of stability the response is not known
             errors.append(math.inf)
-    return LoopWorth(errors[0], errors[1], margins(held).ms, noise_gain(loop, sample_time, spectrum))
+    setpoint, load = errors
+    return LoopWorth(setpoint - 0.5 * sample_time, load, margins(held).ms, noise_gain(loop, sample_time, spectrum))
 
 
 def noise_gain(loop: Loop, sample_time: float, spectrum: NoiseSpectrum | None = None) -> float:
