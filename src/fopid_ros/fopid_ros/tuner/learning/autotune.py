@@ -211,6 +211,8 @@ class Autotuner:
             outcome = self._learn(began)
             if outcome.success or not self._experiment.fits:
                 break
+            if self._experiment.widen():  # friction that hid the process in smaller moves would hide it again
+                began = self._tap.history.newest_time("control")
         if not outcome.success or self._request.propose_only:
             return outcome
         self._experiment.settle("applying", 0.72)
@@ -231,7 +233,7 @@ class Autotuner:
         except InputError as error:
             self._gain_update.roll_back()
             second = Outcome(message=str(error))
-        if self._experiment.escaped:
+        if self._experiment.escaped and not self._experiment.comes_back:
             return self._taken_back(first, update, self._experiment.escaped)
         second = self._prove(second, self._gain_update, made.furthest)
         if second.applied:

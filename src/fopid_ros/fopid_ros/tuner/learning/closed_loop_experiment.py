@@ -341,14 +341,33 @@ class ClosedLoopExperiment:
         """The deviation that is borne: a fifth more than a band that nobody has asked for, which is a guess."""
         return (1.0 if self._wanted.deviation_max else BARELY) * self.loop.deviation_max
 
+    def widen(self) -> bool:
+        """After an experiment that said too little: allow a further one more, where nobody has said how far it may go.
+
+        Returns
+        -------
+        bool
+            Whether it may go further than the one before.
+        """
+        asked = self._wanted.deviation_max or self._wanted.amplitude or self._before.moved
+        return not asked and self.loop.allow_a_bump()
+
+    @property
+    def comes_back(self) -> bool:
+        """Whether a loop that an experiment took to its bounds comes back from there, never much further out."""
+        return self.settle("exciting", 0.6, BARELY * self.loop.deviation_max) <= BARELY * self.loop.deviation_max
+
     def _made_whole(self, known: Callable[[], bool], looks: Sequence[float]) -> Excitation:
         """The excitation itself, with the amplitude that was found."""
         excitation = Excitation(self._settings(self._wanted.excitation, self._amplitude, self.duration))
         self._run_excitation(excitation, lambda: 0.1 + 0.5 * excitation.progress, known=lambda _: known(), looks=looks)
         return excitation
 
-    def settle(self, phase: str, progress: float) -> float:
-        """Wait until the experiment has died out, not longer than that should take; the largest deviation meanwhile."""
+    def settle(self, phase: str, progress: float, borne: float = math.inf) -> float:
+        """Wait until the experiment has died out, not longer than that should take; the largest deviation meanwhile.
+
+        It ends at once where that is more than is borne.
+        """
         limit, calm_for = SETTLE_SHARE * self.duration, CALM_SHARE * self.duration
         calm = Calm(self.residual_transient(), SMOOTHED_SHARE * calm_for)
         newest, setpoint = Tick(-math.inf, 0.0, 0.0, 0.0), self.loop.setpoint
@@ -364,7 +383,8 @@ class ClosedLoopExperiment:
 
         self._tap.set_tick_hook(hook)
         self._wait.until(
-            lambda: bool(began) and (calm.lasted >= calm_for or newest.time - began[0] >= limit),
+            lambda: bool(began)
+            and (calm.lasted >= calm_for or newest.time - began[0] >= limit or furthest > borne),
             lambda: Stage(phase, progress, deviation=newest.measurement - setpoint, message="letting it settle"),
         )
         return furthest

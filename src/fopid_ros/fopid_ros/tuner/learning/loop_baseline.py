@@ -21,6 +21,9 @@ STEADY_STATE_SHARE, RESTLESS_SHARE = 0.1, 0.2
 NOISES, REACH_SHARE, TRAVEL_SHARE = 40.0, 0.005, 0.1
 """The allowed deviation when nobody says it: so many times the noise, that share of the proportional band (the error
 that moves the control through its whole range), that share of the setpoint's moves."""
+BUMP_SHARE, MOST_WIDER = 0.05, 10.0
+"""What people bump a loop by, as a share of the proportional band, and how much more than the allowed deviation that may
+be: allowed once an experiment has said too little."""
 UNREST, MOST_UNREST = 1.5, 4.0
 """What a measurement does at rest is more than white noise where it spreads by so many times that, or has a spectrum
 of its own; it counts as so many times the white noise at most."""
@@ -105,11 +108,23 @@ class LoopBaseline:
             self.unrest = min(max(self.noise, self._spread), MOST_UNREST * self.noise)
             self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
-    def _chosen_deviation(self, travel: float) -> float:
-        """From what the signals do, never from how far they are from 0."""
+    @property
+    def _reach(self) -> float:
+        """The proportional band; 0 where there is none."""
         controller = self.controller
         reach = controller.control_range / abs(controller.gains.kp) if controller.gains.kp else math.inf
-        scales = [NOISES * self.unrest, REACH_SHARE * reach if math.isfinite(reach) else 0.0]
+        return reach if math.isfinite(reach) else 0.0
+
+    def allow_a_bump(self) -> bool:
+        """Allow the deviation that people bump a loop by, where that is more; whether it is."""
+        bump = min(BUMP_SHARE * self._reach, MOST_WIDER * self.deviation_max)
+        wider = bump > self.deviation_max
+        self.deviation_max = max(bump, self.deviation_max)
+        return wider
+
+    def _chosen_deviation(self, travel: float) -> float:
+        """From what the signals do, never from how far they are from 0."""
+        scales = [NOISES * self.unrest, REACH_SHARE * self._reach]
         chosen = max(*scales, self.deviation_least) or TRAVEL_SHARE * travel
         if not chosen > 0.0:
             scale = "neither noise nor limits of the control nor a move of the setpoint give a scale"
