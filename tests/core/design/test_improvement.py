@@ -70,6 +70,24 @@ def test_gains_that_noise_would_drive_are_refused(learnt: IdentificationResult) 
 
 
 @pytest.mark.slow
+def test_where_the_record_forbids_all_designs_one_is_made_slower(
+    learnt: IdentificationResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def delayed_or_not(identified: IdentificationResult, *_: Any) -> tuple[Process, ...]:
+        assert identified.best is not None
+        return identified.best.process, identified.best.process.delayed(0.35)
+
+    monkeypatch.setattr("fopid_core.design.robust_verification.plausible_processes", delayed_or_not)
+    found = improve(learnt, request(learnt), LIMITS, RunningGains(WEAK, noise=0.01, control_movement=0.05))
+    assert found.success, found.message
+    assert "times as fast as" in found.message
+    assert found.tuned.tuning is not None
+    assert found.tuned.tuning.controller is not None
+    loop = Loop(delayed_or_not(learnt)[1], found.tuned.tuning.controller, found.tuned.tuning.filter)
+    assert loop_worth(loop, 0.05, 50.0).ms <= LIMITS.ms_max
+
+
+@pytest.mark.slow
 def test_of_several_methods_the_best_is_taken(learnt: IdentificationResult) -> None:
     assert learnt.best is not None
     running = RunningGains(WEAK, noise=0.01, control_movement=0.05)

@@ -22,6 +22,7 @@ from fopid_core.design.robust_verification import (
     tune_robustly,
 )
 from fopid_core.design.setpoint_weights import calmest_weights
+from fopid_core.design.slower import slower_design
 from fopid_core.design.specification import Clock, TuningRequest, TuningResult
 from fopid_core.design.textbook import NAMES as RULES
 from fopid_core.design.textbook import textbook_loops
@@ -57,8 +58,12 @@ UNSEEN_END = (
 """What is said where such ranges were searched."""
 RUNS_AWAY = "learnt as a process that runs away without a controller"
 """What is said of such a process."""
+SLOWED, MOST_SLOWED = (0.7, 0.5), 2
+"""Where the record forbids all designs: so many of them, those that it forbids by least, are made so much slower."""
 SLOWER = (0.5, 0.25)
 """Shares of a crossover that are tried where noise moves the control too much."""
+_UNSTABLE = 1e3
+"""A process that a design does not hold is further from what must hold than any max |S|."""
 _POINTS, _DECADES = 600, (-7.0, 7.0)
 
 
@@ -165,6 +170,8 @@ def improve(
         if request.method == "frequency" and judge.crossover and judge.noise_excess > 1.0:
             for share in SLOWER:
                 trial.make(replace(request, crossover=share * judge.crossover))
+    if judge.best is None and compare:
+        trial.make_slower(request)
     asked = judge.best
     if every:
         trial.make_others(promising)
@@ -224,6 +231,19 @@ class _Trial:
             score = math.inf if reason else self.judge.score(worth, tuning.controller)
         self.made.append(Candidate(_name(wanted), tuned, worth, reason, score))
 
+    def make_slower(self, request: TuningRequest) -> None:
+        """Make the designs slower that the record forbids by least, until one may be used."""
+        asked = first_request(self.identified, request)
+        forbidden = sorted((_distance(one.tuned), i) for i, one in enumerate(self.made))
+        for distance, i in forbidden[:MOST_SLOWED]:
+            design = self.made[i].tuned.tuning
+            if design is None or math.isinf(distance):
+                return
+            for share in SLOWED:
+                self.make(*slower_design(asked, design, share))
+                if self.judge.best is not None:
+                    return
+
     def calmed(self, chosen: RobustTuning) -> RobustTuning:
         """A design that was made, with weights of the setpoint that overshoot less where the judge allows it."""
         tuning = chosen.tuning
@@ -250,6 +270,14 @@ class _Trial:
                 self.made.append(Candidate(name, tuned, one.worth, one.refusal))
             else:
                 self.make(one.wanted, one.tuning)
+
+
+def _distance(tuned: RobustTuning) -> float:
+    """How far a design is from what must hold on every possible process; infinite where that is not what forbids it."""
+    judged = tuned.robustness
+    if tuned.success or judged is None or tuned.tuning is None or tuned.tuning.controller is None:
+        return math.inf
+    return judged.ms if judged.stable == judged.count else _UNSTABLE * (judged.count - judged.stable)
 
 
 @dataclass(frozen=True)

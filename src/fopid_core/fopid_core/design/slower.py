@@ -1,4 +1,4 @@
-"""A design made slower: for a loop that did not bear it as it was."""
+"""A design made slower: for a loop that did not bear it as it was, or a record that forbids it."""
 
 from __future__ import annotations
 
@@ -43,5 +43,5 @@ def slower_design(request: TuningRequest, design: TuningResult, share: float) ->
     controller, slow = slower_gains(design.controller, share), design.filter
     fixed = dict(zip(NUMBERS, controller.gains, strict=True))
     wanted = replace(request, method="time", rule=None, solver=None, structure=design.structure or None, fixed=fixed)
-    slow = MeasurementFilter(slow.order, slow.time / share)
-    return wanted, replace(verify(wanted, controller, slow, design.weights), structure=design.structure)
+    slow, said = MeasurementFilter(slow.order, slow.time / share), f"{share:g} times as fast as {design.controller}"
+    return wanted, replace(verify(wanted, controller, slow, design.weights, said), structure=design.structure)

@@ -78,7 +78,7 @@ def tune(request: TuningRequest, progress: Progress | None = None, clock: Clock 
 
 def verify(
     request: TuningRequest, controller: Fopid, slow: MeasurementFilter = NO_FILTER,
-    weights: SetpointWeights = WHOLE_SETPOINT,
+    weights: SetpointWeights = WHOLE_SETPOINT, said: str = "gains as they were said",
 ) -> TuningResult:  # fmt: skip
     """Gains that are known, with their filter and weights, as `tune` verifies what it has found; without bounds.
 
@@ -88,7 +88,7 @@ def verify(
     >>> verify(TuningRequest(read_process("P1")), Fopid(kp=1.0, ki=0.4)).success
     True
     """
-    found = Proposal(controller, (), "gains as they were said", math.nan, 0, Bounds(), (), slow, weights)
+    found = Proposal(controller, (), said, math.nan, 0, Bounds(), (), slow, weights)
     return _verified(request, found)
 
 
