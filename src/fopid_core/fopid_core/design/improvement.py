@@ -312,14 +312,14 @@ def _promising(
     found: list[_Promise] = []
 
     def looked_at(wanted: TuningRequest) -> float:
-        """Note what a request promises; how far its control moves beyond what is allowed."""
+        """Note what a request promises; how many times as far as allowed its control moves."""
         tell(f"{_name(wanted)}, on the learnt process")
         try:
             tuning = tune(first_request(identified, wanted))
         except InputError:  # the method is not for this process
             return 0.0
         if tuning.controller is None or not tuning.success:
-            return 0.0
+            return _beside_noise_bound(wanted, tuning)
         loop = loop_of(judge.process, tuning)
         new = judge.worth(loop)
         unknown = "" if math.isfinite(new.load) else "its responses are not known"
@@ -349,6 +349,13 @@ def _promising(
         looked_at(replace(request, method="rule", rule=rule))
     found = [replace(one, score=judge.score(one.worth, one.tuning.controller)) for one in found]
     return sorted(found, key=lambda one: (bool(one.refusal), one.score))
+
+
+def _beside_noise_bound(wanted: TuningRequest, tuning: TuningResult) -> float:
+    """The movement from noise of a design that is not handed out, beside its bound: a search knows it less well."""
+    if wanted.noise_rms_max is None or tuning.achieved is None or not math.isfinite(tuning.achieved.noise_rms):
+        return 0.0
+    return tuning.achieved.noise_rms / wanted.noise_rms_max
 
 
 def _is_beaten_by_a_lively_rule(judge: LoopJudge, fit: Sequence[_Promise]) -> bool:

@@ -20,7 +20,7 @@ from scipy.signal import lfilter
 from fopid_core.design.identification.fit import Fit, at, fit
 from fopid_core.design.identification.record import Record, validation_samples
 from fopid_core.design.identification.response import MOST_CELLS, InitialCondition, RecordResponse
-from fopid_core.design.identification.structure import UNSTABLE_STRUCTURES, Structure
+from fopid_core.design.identification.structure import LAG, PAIR, UNSTABLE_STRUCTURES, Structure
 from fopid_core.model.arrays import Complexes, Floats
 
 _STEP = 1e-5
@@ -161,12 +161,12 @@ def _grid(structure: Structure, rough: RecordResponse, simpler: list[Fit]) -> li
     step, span = float(rough.time[1]), float(rough.time[-1])
     delays = (0.0, *np.geomspace(step, 0.05 * span, _DELAYS - 1).tolist())
     lags = np.linspace(math.log(0.5 * step), math.log(4.0 * span), _LAGS).tolist()
-    if structure.name == "unstable:3":
+    if structure.sections[-1] is PAIR:
         log_tau, log_lag, delay = simpler[-1].x.tolist()
         quick = [math.log(step * share) for share in (1.0, 4.0)]
         pairs = [(0.5 * (log_lag + other), abs(log_lag - other) / 2.0) for other in quick]
         return [np.array([log_tau + move, middle, math.log(2.0) + apart, late * delay])
                 for move, (middle, apart), late in product((-0.7, 0.0, 0.7), pairs, (0.0, 1.0))]  # fmt: skip
     away = np.linspace(math.log(2.0 * step), math.log(0.5 * span), _RUNAWAYS).tolist()
-    beside = [(lag,) for lag in lags] if structure.name == "unstable:2" else [()]
+    beside = [(lag,) for lag in lags] if structure.sections[-1] is LAG else [()]
     return [np.array([tau, *lag, delay]) for tau, lag, delay in product(away, beside, delays)]

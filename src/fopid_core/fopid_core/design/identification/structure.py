@@ -193,15 +193,16 @@ UNSTABLE_STRUCTURES = {
     "unstable:1": Structure("unstable:1", (RUNAWAY,)),
     "unstable:2i": Structure("unstable:2i", (RUNAWAY, INTEGRATOR)),
     "unstable:2": Structure("unstable:2", (RUNAWAY, LAG)),
+    "unstable:2/1": Structure("unstable:2/1", (RUNAWAY, LAG), 1),
     "unstable:3": Structure("unstable:3", (RUNAWAY, PAIR)),
 }
-"""One pole on the right: alone, beside an integrator, a lag, two lags."""
+"""One pole on the right: alone, beside an integrator, a lag, a lag and a zero, two lags."""
 
 
 def structure_of(name: str) -> Structure:
     """A template by its name, or ``rational:N/M``: denominator of order N, numerator of order M (0 when not given).
 
-    ``unstable:N`` has one unstable pole among its N, ``unstable:2i`` an integrator as well.
+    ``unstable:N`` has one unstable pole among its N, ``unstable:2i`` an integrator as well, ``unstable:2/1`` a zero.
 
     Examples
     --------

@@ -148,8 +148,8 @@ class Autotuner:
 
     @property
     def reach(self) -> Reach:
-        """How far the measurement has been moved."""
-        return self._experiment.reach
+        """How far the measurement has been moved, for another goal."""
+        return replace(self._experiment.reach, most=math.inf)
 
     @property
     def _has_a_second_round(self) -> bool:

@@ -31,6 +31,9 @@ TICKS_LEAST = 20
 PROBE_SHARE, PROBE_SHARE_UNTIL_KNOWN, PROBES = 1.0 / 12.0, 1.0 / 24.0, 8
 """Share of that length that a probe is held at most, also of an experiment that ends when enough is known, and how many
 there are at most."""
+QUICK, LATE, LONGER, PROBE_SHARE_MOST = 1, 1.2, 2.0, 1.0 / 6.0
+"""After so many probes without an answer, or one whose answer came after so many holds, the next is held so much longer,
+at most that share of the length: the answer may come behind a delay, or go the other way at first."""
 FIRST_NOISES, FIRST_RANGE, FIRST_SHARE = 3.0, 0.002, 0.1
 """The first probe: what holds a deviation of so many noises, that share of the control's range, or what holds that
 share of the allowed deviation, whichever is least."""
@@ -132,7 +135,7 @@ class ClosedLoopExperiment:
         self, tap: LoopTap, wait: LoopWait, loop: LoopBaseline, wanted: ExperimentSettings, before: Reach = NOT_MOVED
     ) -> None:
         self.loop = loop
-        self.loop.deviation_least = before.allowed
+        self.loop.deviation_least, self.loop.deviation_most = before.allowed, before.most
         self._tap, self._wait, self._wanted, self._before = tap, wait, wanted, before
         self._amplitude = self._peak = self._foresight = 0.0
         self.latest = math.inf
@@ -144,8 +147,8 @@ class ClosedLoopExperiment:
         """How far the measurement has been moved here or before, for another that follows."""
         before, allowed = self._before, max(self.loop.deviation_max, self._before.allowed)
         if self._peak < before.moved:
-            return replace(before, allowed=allowed)
-        return Reach(self._peak, allowed, self._amplitude)
+            return replace(before, allowed=allowed, most=allowed)
+        return Reach(self._peak, allowed, self._amplitude, allowed)
 
     def _chosen_duration(self) -> float:
         """Of the experiment [s]."""
@@ -414,21 +417,25 @@ class ClosedLoopExperiment:
         def is_back(guarded: GuardedExcitation) -> bool:
             return abs(guarded.level) <= seen
 
-        for _ in range(PROBES):
+        for probe in range(PROBES):
             wanted = max(WANTED_NOISES * loop.least_move, 2.0 * seen, self._before.moved)
             wanted = min(WANTED_SHARE * loop.deviation_max, wanted)
             excitation = Excitation(self._settings("step", amplitude, 2.0 * share * self.duration))
-            self._run_excitation(excitation, lambda: 0.05, wanted, is_back, looks)
+            guarded = self._run_excitation(excitation, lambda: 0.05, wanted, is_back, looks)
             if not excitation.completed:
                 return excitation.reason
             self._note_resolution()
-            larger = wanted / max(self._peak, 1e-300) if self._peak > seen else math.inf
-            if larger <= MOST_LARGER or (amplitude == self._most() and self._peak > seen):
+            answered = self._peak > seen
+            early = guarded.peak_time <= LATE * excitation.settings.hold or share >= PROBE_SHARE_MOST
+            larger = wanted / max(self._peak, 1e-300) if answered else math.inf
+            if answered and early and (larger <= MOST_LARGER or amplitude == self._most()):
                 self._amplitude = min(amplitude * min(larger, MOST_LARGER), self._most())
                 return ""
-            if amplitude == self._most():
+            if amplitude == self._most() and share >= PROBE_SHARE_MOST:
                 break
-            amplitude = min(amplitude * MOST_LARGER, self._most())
+            amplitude = min(amplitude * (MOST_LARGER if early or not answered else 1.0), self._most())
+            if not (early if answered else probe < QUICK):
+                share = min(LONGER * share, PROBE_SHARE_MOST)
         alone = f"noise {loop.noise:.3g}, by itself it swings by {loop.swing:.3g}"
         moved = f"the measurement moved by no more than {self._peak:.3g} ({alone})"
         most = "the most that is made where nobody says an amplitude"
@@ -456,7 +463,7 @@ class ClosedLoopExperiment:
     def _run_excitation(
         self, excitation: Excitation, progress: Callable[[], float], enough: float = math.inf,
         known: Callable[[GuardedExcitation], bool] = lambda _: False, looks: Sequence[float] = (),
-    ) -> None:  # fmt: skip
+    ) -> GuardedExcitation:  # fmt: skip
         """Run an experiment tick by tick, at the pace of the controller; at these shares of it, see what is known."""
         loop, ended, last = self.loop, threading.Event(), [0.0]
         guarded = GuardedExcitation(excitation, loop, self._foresight or FORESIGHT * excitation.settings.hold, enough)
@@ -494,6 +501,7 @@ class ClosedLoopExperiment:
         self.escaped = excitation.reason if excitation.outside or guarded.cornered else ""
         if guarded.answer_time > 0.0:
             self._foresight = guarded.answer_time
+        return guarded
 
     @property
     def made(self) -> str:

@@ -61,6 +61,11 @@ class GuardedExcitation:
         return next((time for time, level in self._rise if level >= 0.5 * self.peak), math.nan)
 
     @property
+    def peak_time(self) -> float:
+        """When the peak was reached, after the beginning [s]; 0 before."""
+        return self._rise[-1][0] if self._rise else 0.0
+
+    @property
     def finished(self) -> bool:
         """Whether it is over."""
         return self.excitation.finished

@@ -56,8 +56,8 @@ class LoopBaseline:
     coloured : SensorNoise or None
         That noise with its spectrum, where it is not white.
     figures : LoopPerformance
-    deviation_least : float
-        What is allowed at least where nobody says it.
+    deviation_least, deviation_most : float
+        What is allowed at least, and at most, where nobody says it.
     """
 
     controller: RunningController
@@ -73,6 +73,7 @@ class LoopBaseline:
     _spread: float = 0.0
     figures: LoopPerformance = field(default_factory=lambda: PerformanceMeter(1.0).figures)
     deviation_least: float = 0.0
+    deviation_most: float = math.inf
 
     def measure(self, ticks: Sequence[Tick], deviation_max: float, travel: float) -> None:
         """Take what a stretch of ticks shows.
@@ -129,7 +130,7 @@ class LoopBaseline:
         if not chosen > 0.0:
             scale = "neither noise nor limits of the control nor a move of the setpoint give a scale"
             raise InputError(f"deviation_max = 0; allowed: above 0, since {scale}")
-        return chosen
+        return min(chosen, self.deviation_most)
 
     @property
     def sensor(self) -> SensorNoise:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 
@@ -15,11 +16,15 @@ class Reach:
         0 where nothing has been moved.
     amplitude : float
         What was added to the control for it.
+    most : float
+        What may be allowed, since a loop that moves more at rest than the one before is no better for it; infinite for
+        a loop that may have been changed since.
     """
 
     moved: float = 0.0
     allowed: float = 0.0
     amplitude: float = 0.0
+    most: float = math.inf
 
 
 NOT_MOVED = Reach()
