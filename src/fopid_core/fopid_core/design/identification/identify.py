@@ -53,6 +53,8 @@ MATTERS = 0.1
 """A residual that is not white, but of smaller correlation, leaves a richer model 5 % of its size to explain."""
 LEAVES_MUCH = 2.0
 """A linear model that leaves so many times the known noise is no reason not to look for dry friction."""
+LEAVES_LESS = 0.9
+"""A process that runs away is likelier than a dead band where it leaves white noise, and no more than that share."""
 _ROUGH, _COARSE = 256, 512
 _ROUNDS = 3
 """So often a dead band is looked for, each time beside the process that was learnt behind the last."""
@@ -192,7 +194,7 @@ class _Search:
             models += _models(record, rough, [structure_of(name) for name in RICHER])
         best = _preferred(models)
         if self.dead_band and (behind := self._behind_dead_band(record, best)):
-            return behind
+            return self._held_instead(record, rough, behind) or behind
         runaways: tuple[IdentifiedModel, ...] = ()
         if self.everything and self.unstable and _may_run_away(record, best, noise):
             runaways = _models(record, rough, list(UNSTABLE_STRUCTURES.values()))
@@ -207,6 +209,21 @@ class _Search:
         if poor and self.dead_band and self.unstable and (freed := self._without_friction(record, best)):
             return freed
         return _Found(models + runaways, best, refusal)
+
+    def _held_instead(self, record: Record, rough: Fit, behind: _Found) -> _Found | None:
+        """A process that runs away, where it leaves noise alone and a dead band more: play may pass for what holds it."""
+        sought = self.everything and self.unstable and not behind.best.whiteness.white and not grows(record)
+        if not sought:
+            return None
+        runaways = _models(record, rough, list(UNSTABLE_STRUCTURES.values()))
+        fit = [
+            each
+            for each in runaways
+            if each.whiteness.white
+            and each.noise < LEAVES_LESS * behind.best.noise
+            and not refusal_of(record, each, self.noise)
+        ]
+        return _Found(behind.models + runaways, _preferred(tuple(fit)), "") if fit else None
 
     def _without_friction(self, record: Record, best: IdentifiedModel) -> _Found | None:
         """The same without the dry friction that a record speaks for; None as for a dead band."""

@@ -412,7 +412,8 @@ class ClosedLoopExperiment:
         loop = self.loop
         amplitude = self._first_amplitude()
         seen = max(min(SEEN_SWINGS * loop.swing, SEEN_SHARE * loop.deviation_max), loop.least_move)
-        looks, share = (WAY_BACK, PROBE_SHARE_UNTIL_KNOWN) if self.ends_when_known else ((), PROBE_SHARE)
+        looks, shortest = (WAY_BACK, PROBE_SHARE_UNTIL_KNOWN) if self.ends_when_known else ((), PROBE_SHARE)
+        share = shortest
 
         def is_back(guarded: GuardedExcitation) -> bool:
             return abs(guarded.level) <= seen
@@ -420,6 +421,8 @@ class ClosedLoopExperiment:
         for probe in range(PROBES):
             wanted = max(WANTED_NOISES * loop.least_move, 2.0 * seen, self._before.moved)
             wanted = min(WANTED_SHARE * loop.deviation_max, wanted)
+            if share > shortest:  # the longest moves of a prbs are no longer than this probe
+                wanted *= MOST_SHARE / WANTED_SHARE
             excitation = Excitation(self._settings("step", amplitude, 2.0 * share * self.duration))
             guarded = self._run_excitation(excitation, lambda: 0.05, wanted, is_back, looks)
             if not excitation.completed:
