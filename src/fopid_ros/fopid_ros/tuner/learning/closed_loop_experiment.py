@@ -412,8 +412,8 @@ class ClosedLoopExperiment:
         loop = self.loop
         amplitude = self._first_amplitude()
         seen = max(min(SEEN_SWINGS * loop.swing, SEEN_SHARE * loop.deviation_max), loop.least_move)
-        looks, shortest = (WAY_BACK, PROBE_SHARE_UNTIL_KNOWN) if self.ends_when_known else ((), PROBE_SHARE)
-        share = shortest
+        looks, share = (WAY_BACK, PROBE_SHARE_UNTIL_KNOWN) if self.ends_when_known else ((), PROBE_SHARE)
+        waits = False
 
         def is_back(guarded: GuardedExcitation) -> bool:
             return abs(guarded.level) <= seen
@@ -421,7 +421,7 @@ class ClosedLoopExperiment:
         for probe in range(PROBES):
             wanted = max(WANTED_NOISES * loop.least_move, 2.0 * seen, self._before.moved)
             wanted = min(WANTED_SHARE * loop.deviation_max, wanted)
-            if share > shortest:  # the longest moves of a prbs are no longer than this probe
+            if waits:  # the longest moves of a prbs are no longer than such a probe
                 wanted *= MOST_SHARE / WANTED_SHARE
             excitation = Excitation(self._settings("step", amplitude, 2.0 * share * self.duration))
             guarded = self._run_excitation(excitation, lambda: 0.05, wanted, is_back, looks)
@@ -436,8 +436,10 @@ class ClosedLoopExperiment:
                 return ""
             if amplitude == self._most() and share >= PROBE_SHARE_MOST:
                 break
-            amplitude = min(amplitude * (MOST_LARGER if early or not answered else 1.0), self._most())
-            if not (early if answered else probe < QUICK):
+            late = answered and not early
+            waits = waits or late
+            amplitude = min(amplitude * (1.0 if late else MOST_LARGER), self._most())
+            if late or not (answered or probe < QUICK):
                 share = min(LONGER * share, PROBE_SHARE_MOST)
         alone = f"noise {loop.noise:.3g}, by itself it swings by {loop.swing:.3g}"
         moved = f"the measurement moved by no more than {self._peak:.3g} ({alone})"
