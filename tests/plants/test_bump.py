@@ -1,4 +1,4 @@
-"""A good sensor behind dry friction: within forty noises hardly anything moves; as far as people bump a loop it does."""
+"""A good sensor behind dry friction: within forty noises nothing moves; as far as people bump a loop it does."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def measured(
 
 
 def test_a_further_experiment_may_go_as_far_as_a_bump_test_once() -> None:
-    loop, experiment = measured()
+    _, experiment = measured()
     controller, before = experiment.loop.controller, experiment.loop.deviation_max
     assert experiment.widen()
     band = controller.control_range / abs(controller.gains.kp)
@@ -45,7 +45,9 @@ def test_a_further_experiment_may_go_as_far_as_a_bump_test_once() -> None:
         (ExperimentSettings(), Reach(0.01, 0.05, 0.5)),
     ],
 )
-def test_not_where_somebody_has_said_how_far_or_it_was_found_before(settings: ExperimentSettings, before: Reach) -> None:
+def test_not_where_somebody_has_said_how_far_or_it_was_found_before(
+    settings: ExperimentSettings, before: Reach
+) -> None:
     _, experiment = measured(settings, before)
     allowed = experiment.loop.deviation_max
     assert not experiment.widen()

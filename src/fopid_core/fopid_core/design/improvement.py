@@ -166,12 +166,9 @@ def improve(
             break
         trial.make(one.wanted, one.tuning)
     if judge.best is None:
-        trial.make(request, only)
-        if request.method == "frequency" and judge.crossover and judge.noise_excess > 1.0:
-            for share in SLOWER:
-                trial.make(replace(request, crossover=share * judge.crossover))
-    if judge.best is None and compare:
-        trial.make_slower(request)
+        trial.make_as_asked(request, only)
+        if compare:
+            trial.make_slower(request)
     asked = judge.best
     if every:
         trial.make_others(promising)
@@ -231,8 +228,17 @@ class _Trial:
             score = math.inf if reason else self.judge.score(worth, tuning.controller)
         self.made.append(Candidate(_name(wanted), tuned, worth, reason, score))
 
+    def make_as_asked(self, request: TuningRequest, first: TuningResult | None) -> None:
+        """Make the design that was asked for, with less crossover where noise would move the control too much."""
+        self.make(request, first)
+        if request.method == "frequency" and self.judge.crossover and self.judge.noise_excess > 1.0:
+            for share in SLOWER:
+                self.make(replace(request, crossover=share * self.judge.crossover))
+
     def make_slower(self, request: TuningRequest) -> None:
         """Make the designs slower that the record forbids by least, until one may be used."""
+        if self.judge.best is not None:
+            return
         asked = first_request(self.identified, request)
         forbidden = sorted((_distance(one.tuned), i) for i, one in enumerate(self.made))
         for distance, i in forbidden[:MOST_SLOWED]:

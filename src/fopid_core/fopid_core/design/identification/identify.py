@@ -211,7 +211,7 @@ class _Search:
         return _Found(models + runaways, best, refusal)
 
     def _held_instead(self, record: Record, rough: Fit, behind: _Found) -> _Found | None:
-        """A process that runs away, where it leaves noise alone and a dead band more: play may pass for what holds it."""
+        """A process that runs away, where it leaves noise alone and a dead band more: play may pass for its loop."""
         sought = self.everything and self.unstable and not behind.best.whiteness.white and not grows(record)
         if not sought:
             return None

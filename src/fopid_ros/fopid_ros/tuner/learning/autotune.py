@@ -205,7 +205,7 @@ class Autotuner:
         outcome = Outcome()
         sufficiency = Sufficiency(self._request.template, self._experiment.loop.unrest, self._controller.sample_time)
         for _ in range(EXPERIMENTS):
-            ended = self._experiment.excite(lambda: sufficiency.look(self._tap.history.record(began)))
+            ended = self._experiment.excite(lambda since=began: sufficiency.look(self._tap.history.record(since)))
             if ended:
                 return Outcome(message=f"the experiment was stopped, nothing was changed: {ended}")
             outcome = self._learn(began)

@@ -32,8 +32,8 @@ PROBE_SHARE, PROBE_SHARE_UNTIL_KNOWN, PROBES = 1.0 / 12.0, 1.0 / 24.0, 8
 """Share of that length that a probe is held at most, also of an experiment that ends when enough is known, and how many
 there are at most."""
 QUICK, LATE, LONGER, PROBE_SHARE_MOST = 1, 1.2, 2.0, 1.0 / 6.0
-"""After so many probes without an answer, or one whose answer came after so many holds, the next is held so much longer,
-at most that share of the length: the answer may come behind a delay, or go the other way at first."""
+"""After so many probes without an answer, or one whose answer came after so many holds, the next is held so much
+longer, at most that share of the length: the answer may come behind a delay, or go the other way at first."""
 FIRST_NOISES, FIRST_RANGE, FIRST_SHARE = 3.0, 0.002, 0.1
 """The first probe: what holds a deviation of so many noises, that share of the control's range, or what holds that
 share of the allowed deviation, whichever is least."""
@@ -386,8 +386,7 @@ class ClosedLoopExperiment:
 
         self._tap.set_tick_hook(hook)
         self._wait.until(
-            lambda: bool(began)
-            and (calm.lasted >= calm_for or newest.time - began[0] >= limit or furthest > borne),
+            lambda: bool(began) and (calm.lasted >= calm_for or newest.time - began[0] >= limit or furthest > borne),
             lambda: Stage(phase, progress, deviation=newest.measurement - setpoint, message="letting it settle"),
         )
         return furthest

@@ -22,8 +22,8 @@ NOISES, REACH_SHARE, TRAVEL_SHARE = 40.0, 0.005, 0.1
 """The allowed deviation when nobody says it: so many times the noise, that share of the proportional band (the error
 that moves the control through its whole range), that share of the setpoint's moves."""
 BUMP_SHARE, MOST_WIDER = 0.05, 10.0
-"""What people bump a loop by, as a share of the proportional band, and how much more than the allowed deviation that may
-be: allowed once an experiment has said too little."""
+"""What people bump a loop by, as a share of the proportional band, and how much more than the allowed deviation that
+may be: allowed once an experiment has said too little."""
 UNREST, MOST_UNREST = 1.5, 4.0
 """What a measurement does at rest is more than white noise where it spreads by so many times that, or has a spectrum
 of its own; it counts as so many times the white noise at most."""
