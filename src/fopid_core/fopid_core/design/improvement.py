@@ -228,6 +228,11 @@ class _Trial:
             score = math.inf if reason else self.judge.score(worth, tuning.controller)
         self.made.append(Candidate(_name(wanted), tuned, worth, reason, score))
 
+    @property
+    def is_done(self) -> bool:
+        """Whether there is a design that may be used."""
+        return self.judge.best is not None
+
     def make_as_asked(self, request: TuningRequest, first: TuningResult | None) -> None:
         """Make the design that was asked for, with less crossover where noise would move the control too much."""
         self.make(request, first)
@@ -237,8 +242,6 @@ class _Trial:
 
     def make_slower(self, request: TuningRequest) -> None:
         """Make the designs slower that the record forbids by least, until one may be used."""
-        if self.judge.best is not None:
-            return
         asked = first_request(self.identified, request)
         forbidden = sorted((_distance(one.tuned), i) for i, one in enumerate(self.made))
         for distance, i in forbidden[:MOST_SLOWED]:
@@ -246,9 +249,8 @@ class _Trial:
             if design is None or math.isinf(distance):
                 return
             for share in SLOWED:
-                self.make(*slower_design(asked, design, share))
-                if self.judge.best is not None:
-                    return
+                if not self.is_done:
+                    self.make(*slower_design(asked, design, share))
 
     def calmed(self, chosen: RobustTuning) -> RobustTuning:
         """A design that was made, with weights of the setpoint that overshoot less where the judge allows it."""
