@@ -59,7 +59,6 @@ def test_new_gains_beat_those_that_ran(name: str, slow_end_seen: bool) -> None:
     assert outcome.success, outcome.message
     rounds = 2 if outcome.message.startswith("in a second round: ") else 1
     assert loop.statuses == ["trial", "verified"] * rounds
-    assert rounds == 1 or not slow_end_seen
     first = outcome.message.split("; a second round changed nothing: ")[0]
     assert ("watch the first large step of the setpoint" in outcome.message) != slow_end_seen
     assert ("runs away" in first) == (name == "levitation")
