@@ -211,7 +211,10 @@ class Autotuner:
             outcome = self._learn(began)
             if outcome.success or not self._experiment.fits:
                 break
-            if self._experiment.widen():  # friction that hid the process in smaller moves would hide it again
+            nothing_was_learnt = outcome.tuned is None
+            if (
+                nothing_was_learnt and self._experiment.widen()
+            ):  # what hid the process in smaller moves would do so again
                 began = self._tap.history.newest_time("control")
         if not outcome.success or self._request.propose_only:
             return outcome
@@ -233,13 +236,13 @@ class Autotuner:
         except InputError as error:
             self._gain_update.roll_back()
             second = Outcome(message=str(error))
-        if self._experiment.escaped and not self._experiment.comes_back:
+        if self._experiment.escaped and not self._experiment.comes_back():
             return self._taken_back(first, update, self._experiment.escaped)
         second = self._prove(second, self._gain_update, made.furthest)
         if second.applied:
             return replace(second, previous=first.previous, message=f"in a second round: {second.message}")
         first = replace(first, message=f"{first.message}; a second round changed nothing: {second.message}")
-        return self._prove(first, update)
+        return self._prove(first, update, made.furthest)
 
     def _prove(self, outcome: Outcome, update: GainUpdate, borne: float = math.inf) -> Outcome:
         """Move the loop as far as it was moved for the new gains; where it swings on, those from before come back.

@@ -139,7 +139,7 @@ class ClosedLoopExperiment:
         self._tap, self._wait, self._wanted, self._before = tap, wait, wanted, before
         self._amplitude = self._peak = self._foresight = 0.0
         self.latest = math.inf
-        self._first, self.escaped = True, ""
+        self._first, self._widened, self.escaped = True, False, ""
         self.duration = self._chosen_duration()
 
     @property
@@ -345,20 +345,22 @@ class ClosedLoopExperiment:
         return (1.0 if self._wanted.deviation_max else BARELY) * self.loop.deviation_max
 
     def widen(self) -> bool:
-        """After an experiment that said too little: allow a further one more, where nobody has said how far it may go.
+        """After an experiment that told nothing: allow more, once, where nobody has said how far they may go.
 
         Returns
         -------
         bool
             Whether it may go further than the one before.
         """
-        asked = self._wanted.deviation_max or self._wanted.amplitude or self._before.moved
-        return not asked and self.loop.allow_a_bump()
+        if self._widened or self._wanted.deviation_max or self._wanted.amplitude or self._before.moved:
+            return False
+        self._widened = True
+        return self.loop.allow_a_bump()
 
-    @property
     def comes_back(self) -> bool:
-        """Whether a loop that an experiment took to its bounds comes back from there, never much further out."""
-        return self.settle("exciting", 0.6, BARELY * self.loop.deviation_max) <= BARELY * self.loop.deviation_max
+        """Wait whether a loop that was taken to its bounds comes back from there, without going much further out."""
+        borne = BARELY * self.loop.deviation_max
+        return self.settle("exciting", 0.6, borne) <= borne
 
     def _made_whole(self, known: Callable[[], bool], looks: Sequence[float]) -> Excitation:
         """The excitation itself, with the amplitude that was found."""
