@@ -236,13 +236,14 @@ class Autotuner:
         except InputError as error:
             self._gain_update.roll_back()
             second = Outcome(message=str(error))
-        if self._experiment.escaped and not self._experiment.comes_back():
-            return self._taken_back(first, update, self._experiment.escaped)
+        escaped = self._experiment.escaped
+        if escaped and not self._experiment.comes_back():
+            return self._taken_back(first, update, escaped)
         second = self._prove(second, self._gain_update, made.furthest)
         if second.applied:
             return replace(second, previous=first.previous, message=f"in a second round: {second.message}")
         first = replace(first, message=f"{first.message}; a second round changed nothing: {second.message}")
-        return self._prove(first, update, made.furthest)
+        return self._prove(first, update, made.furthest if escaped else math.inf)
 
     def _prove(self, outcome: Outcome, update: GainUpdate, borne: float = math.inf) -> Outcome:
         """Move the loop as far as it was moved for the new gains; where it swings on, those from before come back.
