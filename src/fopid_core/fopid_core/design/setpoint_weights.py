@@ -1,4 +1,4 @@
-"""How much of the setpoint the proportional part sees: the least overshoot at hardly more error."""
+"""How much of the setpoint the controller acts on: what overshoots less at little more error."""
 
 from __future__ import annotations
 
@@ -7,23 +7,28 @@ from dataclasses import replace
 import numpy as np
 
 from fopid_core.errors import InputError
+from fopid_core.model.arrays import Floats
 from fopid_core.model.indices import indices, overshoot_pct
 from fopid_core.model.loop import Loop
 from fopid_core.model.response import step_response
 from fopid_core.model.two_degrees import SetpointWeights
 
-HARDLY_MORE = 1.05
-"""How many times the least error after a step of the setpoint is hardly more."""
-SHARES = np.linspace(1.0, 0.0, 11)
-"""Of the weight that was chosen for the least error, which are tried."""
+DERIVATIVE_PAYS = 1.2
+"""How many times the error a step of the setpoint must leave without its derivative, for that to be worth its kick."""
+LITTLE_MORE = 1.1
+"""How many times the least error is given for less overshoot: the plant overshoots by more than what is known of it,
+since it has limits."""
+SHARES = np.linspace(1.0, 0.0, 21)
+"""Of the proportional part's weight, which are tried."""
 CALM = 2.0
 """An overshoot [%] of which nobody complains."""
 
 
 def calmest_weights(loop: Loop, horizon: float) -> SetpointWeights:
-    """The weights of a loop, or with less of the setpoint in the proportional part where that overshoots less.
+    """Weights no larger than those of a loop, and as small as little more error allows.
 
-    Their integral of the absolute error is at most 1.05 times the least of those tried, over a horizon [s]. Load and
+    That of the derivative is 0 where it does not pay, and the proportional one is made less where the loop would
+    overshoot with the whole setpoint. Error is the integral of its absolute value over a horizon [s]. Load and
     stability do not know of the weights.
 
     Examples
@@ -34,15 +39,47 @@ def calmest_weights(loop: Loop, horizon: float) -> SetpointWeights:
     >>> calmest_weights(loop, 20.0).proportional < 1.0
     True
     """
-    tried: list[tuple[float, float, SetpointWeights]] = []
-    for share in SHARES.tolist():
-        weights = replace(loop.weights, proportional=share * loop.weights.proportional)
-        try:
-            response = step_response(replace(loop, weights=weights), horizon)
-        except InputError:  # near the border of stability it is not known
-            return loop.weights
-        tried.append((indices(response.time, response.error).iae, overshoot_pct(response.output), weights))
-        least = min(error for error, _, _ in tried)
-        if tried[-1][1] <= CALM or tried[-1][0] > HARDLY_MORE * least:
-            break
-    return min((one for one in tried if one[0] <= HARDLY_MORE * least), key=lambda one: one[1])[2]
+    try:
+        steps = _Steps(loop, horizon)
+        if loop.weights.derivative:
+            without = _Steps(replace(loop, weights=replace(loop.weights, derivative=0.0)), horizon)
+            if not loop.controller.kd or without.errors.min() <= DERIVATIVE_PAYS * steps.errors.min():
+                steps = without
+    except InputError:  # near the border of stability it is not known
+        return loop.weights
+    if steps.overshoot <= CALM:
+        return steps.weights(int(np.argmin(steps.errors)))
+    return steps.weights(int(np.flatnonzero(steps.errors <= LITTLE_MORE * steps.errors.min())[-1]))
+
+
+class _Steps:
+    """Steps of the setpoint with shares of a loop's weight of the proportional part.
+
+    The output is linear in that weight, so that two responses give all.
+
+    Attributes
+    ----------
+    errors : ndarray
+        One for each of the shares.
+    overshoot : float
+        With the whole setpoint [%].
+    """
+
+    def __init__(self, loop: Loop, horizon: float) -> None:
+        self._given = loop.weights
+        none, whole = (step_response(replace(loop, weights=replace(loop.weights, proportional=b)), horizon)
+                       for b in (0.0, 1.0))  # fmt: skip
+        time = np.union1d(none.time, whole.time)
+        slowest, fastest = (np.interp(time, one.time, one.output) for one in (none, whole))
+
+        def error(share: float) -> float:
+            weight = share * self._given.proportional
+            off: Floats = 1.0 - slowest - weight * (fastest - slowest)
+            return indices(time, off).iae
+
+        self.errors = np.array([error(share) for share in SHARES.tolist()])
+        self.overshoot = overshoot_pct(fastest)
+
+    def weights(self, i: int) -> SetpointWeights:
+        """Those of a share."""
+        return replace(self._given, proportional=float(SHARES[i]) * self._given.proportional)

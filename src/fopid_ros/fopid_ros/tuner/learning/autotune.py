@@ -36,7 +36,7 @@ MOVED_SHARE = 0.5
 LIVELIER = 5.0
 """Gains that act so many times as strongly as before, where a controller would, make a loop that works where the record
 of the loop before hardly shows the process."""
-MORE_MOVEMENT = 1.25
+MORE_MOVEMENT = 1.7
 """What such a loop may aim at of the control's movement from noise, in what was aimed at before."""
 SLOWER = (0.7, 0.5, 0.35)
 """How much slower gains that the loop did not bear are tried again, in turn."""
@@ -212,9 +212,8 @@ class Autotuner:
             if outcome.success or not self._experiment.fits:
                 break
             nothing_was_learnt = outcome.tuned is None
-            if (
-                nothing_was_learnt and self._experiment.widen()
-            ):  # what hid the process in smaller moves would do so again
+            # What hid the process in smaller moves would do so again: it is learnt from alone.
+            if nothing_was_learnt and self._experiment.widen():
                 began = self._tap.history.newest_time("control")
         if not outcome.success or self._request.propose_only:
             return outcome
