@@ -253,7 +253,7 @@ class _Trial:
                     self.make(*slower_design(asked, design, share))
 
     def calmed(self, chosen: RobustTuning) -> RobustTuning:
-        """A design that was made, with weights of the setpoint that overshoot less where the judge allows it."""
+        """A design that was made, with weights that overshoot less where a step leaves no more error than what runs."""
         tuning = chosen.tuning
         if tuning is None or tuning.method != "time":
             return chosen
@@ -261,7 +261,7 @@ class _Trial:
         held = replace(loop, process=as_held(loop.process, self.judge.sample_time))
         calm = replace(loop, weights=calmest_weights(held, self.judge.horizon(loop)))
         worth = self.judge.worth(calm)
-        if self.judge.not_better(worth) or self.judge.too_fast(calm):
+        if worth.setpoint > self.judge.worth(self.judge.runs).setpoint or self.judge.too_fast(calm):
             return chosen
         tuned = replace(chosen, tuning=replace(tuning, weights=calm.weights))
         self.made[:] = [replace(one, tuned=tuned, worth=worth) if one.tuned is chosen else one for one in self.made]
