@@ -27,6 +27,7 @@ from fopid_ros.tuner.learning.gain_update import (
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
+from fopid_ros.tuner.learning.proof import Proof
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 
 EXPERIMENTS = 3
@@ -105,6 +106,7 @@ class Autotuner:
         self._updates: list[GainUpdate] = []
         self._learnt: tuple[IdentificationResult, Record] | None = None
         self._take_for(read_running_controller(client), before)
+        self._rest = self._experiment.loop
 
     def _take_for(self, controller: RunningController, before: Reach, noise_gain_aim: float = math.inf) -> None:
         """Begin a round with the controller as it runs."""
@@ -255,7 +257,7 @@ class Autotuner:
         try:
             running = LoopBaseline(read_running_controller(self._client))
             asked, reach = self._request.experiment, self._experiment.reach
-            proof = ClosedLoopExperiment(self._tap, self._wait, running, asked, reach)
+            proof = Proof(self._tap, self._wait, running, asked, reach, self._rest)
             proof.measure(borne)
             against = proof.prove(response_time(outcome))
         except RestlessError as error:

@@ -14,7 +14,7 @@ from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
 from fopid_ros.tuner.learning.calm import Calm
 from fopid_ros.tuner.learning.gain_update import TICKS_MIN
 from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
-from fopid_ros.tuner.learning.loop_baseline import LoopBaseline, half_range, integral_time
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline, integral_time
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
@@ -52,11 +52,6 @@ MOST_SHARE, MOST_LARGER_AGAIN = 0.6, 3.0
 GENTLER, AGAIN, BARELY = 0.5, 2, 1.2
 """An experiment that leaves a band that nobody has asked for, but by less than a fifth, is made anew once it has died
 out or had the time to, with so much of its move and so often at most."""
-PROVED_RESPONSES, MOVED_ENOUGH = 2.0, 2.0
-"""How long a move is held to see whether gains bear it, in response times; how much further it went before, at most."""
-SWING_SHARE, DYING = 0.25, 0.7
-"""A loop that still swings by more than that share of what it was moved by, and by more than that share of as long a
-time before, does not come to rest."""
 SETTLED_SHARE = 0.05
 """Share of the largest deviation made that counts as rest."""
 SETTLE_SHARE, CALM_SHARE = 0.3, 0.05
@@ -289,55 +284,6 @@ class ClosedLoopExperiment:
             self._amplitude *= GENTLER
             excitation = self._made_whole(known, looks)
         return "" if excitation.completed else excitation.reason
-
-    def prove(self, response_time: float) -> str:
-        """Move the loop as far as it was moved for the gains that run, and see it come to rest.
-
-        With play, dry friction and whatever else no linear model knows a loop that rests may swing on once it is moved.
-
-        Parameters
-        ----------
-        response_time : float
-            Of the loop [s].
-
-        Returns
-        -------
-        str
-            What speaks against the gains; empty where nothing does, or nothing could be seen.
-        """
-        before, most = self._before, self._wanted.amplitude or self._most()
-        amplitude, wanted = min(before.amplitude, most), min(before.moved, MOST_SHARE * self.loop.deviation_max)
-        hold = max(PROBE_SHARE_UNTIL_KNOWN * self.duration, PROVED_RESPONSES * response_time)
-        for _ in range(PROBES):
-            excitation = Excitation(self._settings("step", amplitude, 2.0 * hold))
-            self._run_excitation(excitation, lambda: 0.5)
-            if not excitation.completed:
-                return self.escaped
-            larger = wanted / max(self._peak, 1e-300)
-            if larger <= MOVED_ENOUGH or amplitude == most:
-                break
-            amplitude = min(amplitude * min(larger, MOST_LARGER), most)
-        return self._swings_on(max(PROVED_RESPONSES * response_time, self.rest_window))
-
-    def _swings_on(self, window: float) -> str:
-        """Whether it does not come to rest after it was moved, looked at in windows of so much time [s]."""
-        loop = self.loop
-        most = max(SWING_SHARE * self._peak, SEEN_SWINGS * loop.swing, SEEN_SWINGS * loop.least_move)
-        swing = last = math.inf
-        while swing > most:
-            ticks: list[Tick] = []
-            self._tap.set_tick_hook(ticks.append)
-            self._wait.until(
-                lambda ticks=ticks: bool(ticks) and ticks[-1].time - ticks[0].time >= window,
-                lambda: Stage("watching", 0.9, message="does it come to rest?"),
-            )
-            if any(tick.setpoint != loop.setpoint for tick in ticks):
-                return ""
-            last, swing = swing, half_range([tick.measurement for tick in ticks])
-            if swing > max(most, DYING * last):
-                told = f"swings by {swing:.3g} to either side, by {last:.3g} before"
-                return f"the measurement does not come to rest once moved by {self._peak:.3g}, but {told}"
-        return ""
 
     @property
     def furthest(self) -> float:

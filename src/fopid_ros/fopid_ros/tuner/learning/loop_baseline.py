@@ -53,6 +53,8 @@ class LoopBaseline:
         By how much that changes from the first half of the time looked at to the second.
     swing : float
         How far the measurement, noise averaged out, goes to either side.
+    spread : float
+        Standard deviation of the measurement about its drift.
     coloured : SensorNoise or None
         That noise with its spectrum, where it is not white.
     figures : LoopPerformance
@@ -70,7 +72,7 @@ class LoopBaseline:
     drift: float = 0.0
     swing: float = 0.0
     coloured: SensorNoise | None = None
-    _spread: float = 0.0
+    spread: float = 0.0
     figures: LoopPerformance = field(default_factory=lambda: PerformanceMeter(1.0).figures)
     deviation_least: float = 0.0
     deviation_most: float = math.inf
@@ -97,16 +99,14 @@ class LoopBaseline:
         self.drift = float(second.mean() - first.mean())
         self.swing = half_range(measured)
         self.noise = max(float(white_level(measured)), resolution(measured) / math.sqrt(12.0))
-        instants = np.arange(measured.size)
-        line = np.polynomial.Polynomial.fit(instants, measured, 1)
-        self.unrest, self._spread = self.noise, float(np.std(measured - line(instants)))
+        self.unrest, self.spread = self.noise, spread_about_drift(measured)
         self.coloured = noise_at_rest(measured, self.controller.sample_time)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
     def allow_for_unrest(self, deviation_max: float, travel: float) -> None:
         """Once it rests: a hum, a small limit cycle or a sensor that reads seldom is to be told from an answer, too."""
-        if self.coloured is not None or self._spread > UNREST * self.noise:
-            self.unrest = min(max(self.noise, self._spread), MOST_UNREST * self.noise)
+        if self.coloured is not None or self.spread > UNREST * self.noise:
+            self.unrest = min(max(self.noise, self.spread), MOST_UNREST * self.noise)
             self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
     @property
@@ -174,6 +174,13 @@ class LoopBaseline:
 def half_range(measured: ArrayLike) -> float:
     """How far a measurement goes to either side, noise averaged out over a tenth of it."""
     return 0.5 * float(np.ptp([part.mean() for part in np.array_split(measured, 10)]))
+
+
+def spread_about_drift(measured: ArrayLike) -> float:
+    """Standard deviation of a measurement about a straight line."""
+    values = np.asarray(measured, dtype=float)
+    instants = np.arange(values.size)
+    return float(np.std(values - np.polynomial.Polynomial.fit(instants, values, 1)(instants)))
 
 
 def integral_time(gains: Fopid) -> float:

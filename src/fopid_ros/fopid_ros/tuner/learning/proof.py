@@ -1,0 +1,124 @@
+"""New gains that a loop rests with are moved once more, and compared at rest with those from before."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from fopid_core.runtime.excitation import Excitation
+from fopid_ros.tuner.learning.closed_loop_experiment import (
+    MOST_LARGER,
+    MOST_SHARE,
+    PROBE_SHARE_UNTIL_KNOWN,
+    PROBES,
+    SEEN_SWINGS,
+    ClosedLoopExperiment,
+    ExperimentSettings,
+)
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline, half_range, spread_about_drift
+from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
+from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
+from fopid_ros.tuner.learning.reach import Reach
+
+PROVED_RESPONSES, MOVED_ENOUGH = 2.0, 2.0
+"""How long a move is held to see whether gains bear it, in response times; how much further it went before, at most."""
+SWING_SHARE, DYING = 0.25, 0.7
+"""A loop that still swings by more than that share of what it was moved by, and by more than that share of as long a
+time before, does not come to rest."""
+RESTLESS = 3.0
+"""A loop whose measurement spreads at rest by so many times what it did before hunts: a good loop makes at most twice
+its noise of it (max |S|)."""
+
+
+class Proof(ClosedLoopExperiment):
+    """Moves a loop with new gains as far as it was moved to learn them, and sees it come to rest.
+
+    With play, dry friction and whatever else no linear model knows a loop that rests may swing on once it is moved,
+    or hunt for ever.
+
+    Parameters
+    ----------
+    tap, wait, loop, wanted, before
+        As of `ClosedLoopExperiment`.
+    rest : LoopBaseline
+        How the loop was at rest before its gains were changed.
+    """
+
+    def __init__(
+        self, tap: LoopTap, wait: LoopWait, loop: LoopBaseline, wanted: ExperimentSettings, before: Reach,
+        rest: LoopBaseline,
+    ) -> None:  # fmt: skip
+        super().__init__(tap, wait, loop, wanted, before)
+        self._rest = rest
+
+    def prove(self, response_time: float) -> str:
+        """Move the loop and look.
+
+        Parameters
+        ----------
+        response_time : float
+            Of the loop [s].
+
+        Returns
+        -------
+        str
+            What speaks against the gains; empty where nothing does, or nothing could be seen.
+        """
+        before, most = self._before, self._wanted.amplitude or self._most()
+        amplitude, wanted = min(before.amplitude, most), min(before.moved, MOST_SHARE * self.loop.deviation_max)
+        hold = max(PROBE_SHARE_UNTIL_KNOWN * self.duration, PROVED_RESPONSES * response_time)
+        for _ in range(PROBES):
+            excitation = Excitation(self._settings("step", amplitude, 2.0 * hold))
+            self._run_excitation(excitation, lambda: 0.5)
+            if not excitation.completed:
+                return self.escaped
+            larger = wanted / max(self._peak, 1e-300)
+            if larger <= MOVED_ENOUGH or amplitude == most:
+                break
+            amplitude = min(amplitude * min(larger, MOST_LARGER), most)
+        return self._swings_on(max(PROVED_RESPONSES * response_time, self.rest_window)) or self._hunts()
+
+    def _swings_on(self, window: float) -> str:
+        """Whether it does not come to rest after it was moved, looked at in windows of so much time [s]."""
+        loop = self.loop
+        most = max(SWING_SHARE * self._peak, SEEN_SWINGS * loop.swing, SEEN_SWINGS * loop.least_move)
+        swing, last = self._once_small(half_range, most, window)
+        if swing <= most:
+            return ""
+        told = f"swings by {swing:.3g} to either side, by {last:.3g} before"
+        return f"the measurement does not come to rest once moved by {self._peak:.3g}, but {told}"
+
+    def _hunts(self) -> str:
+        """Whether it moves far more at rest than it did before its gains were changed, looked at for as long."""
+        rest = self._rest
+        usual = max(rest.spread, rest.least_move)
+        spread, _ = self._once_small(spread_about_drift, RESTLESS * usual, rest.figures.duration)
+        if spread <= RESTLESS * usual:
+            return ""
+        return f"the loop hunts: at rest the measurement spreads by {spread:.3g}, by {usual:.3g} before"
+
+    def _once_small(
+        self, size: Callable[[Sequence[float]], float], most: float, window: float
+    ) -> tuple[float, float]:  # fmt: skip
+        """How much the measurement moves once that is small, or dies out no more; and in the window before.
+
+        0 where the setpoint is moved meanwhile.
+        """
+        setpoint, now = self.loop.setpoint, math.inf
+        while True:
+            ticks = self._watched(window)
+            if any(tick.setpoint != setpoint for tick in ticks):
+                return 0.0, 0.0
+            last, now = now, size([tick.measurement for tick in ticks])
+            if now <= most or now > DYING * last:
+                return now, last
+
+    def _watched(self, window: float) -> list[Tick]:
+        """The ticks of so much time [s]."""
+        ticks: list[Tick] = []
+        self._tap.set_tick_hook(ticks.append)
+        self._wait.until(
+            lambda: bool(ticks) and ticks[-1].time - ticks[0].time >= window,
+            lambda: Stage("watching", 0.9, message="does it come to rest?"),
+        )
+        return ticks
