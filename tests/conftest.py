@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import gc
 import os
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+
+from .share import some_of
 
 if TYPE_CHECKING:
     from .chromium import Browser
@@ -18,11 +21,20 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `make` sets it: ten tim
 OVER_ROS = {Path(__file__).parent / folder for folder in ("ros", "reliability", "docs", "examples")}
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what starts ROS nodes."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark what starts ROS nodes; of a slow test's cases keep as many as this run's share asks for."""
+    cases: dict[str, list[pytest.Item]] = defaultdict(list)
     for item in items:
         if OVER_ROS.intersection(item.path.parents):
             item.add_marker(pytest.mark.ros)
+        if item.get_closest_marker("slow"):
+            cases[item.nodeid.partition("[")[0]].append(item)
+    if config.getoption("lf"):  # what has failed was among them
+        return
+    left_out = {item for each in cases.values() for item in set(each) - set(some_of(each))}
+    if left_out:
+        config.hook.pytest_deselected(items=[item for item in items if item in left_out])
+        items[:] = [item for item in items if item not in left_out]
 
 
 def pytest_collection_finish() -> None:

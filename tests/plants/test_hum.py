@@ -15,8 +15,6 @@ from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment
 from fopid_ros.tuner.learning.gain_update import read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import MOST_UNREST, NOISES, LoopBaseline
 
-from ..share import some_of
-
 HUM, PERIOD, NOISE = 0.5, 7.0, 0.1
 
 
@@ -151,12 +149,12 @@ def test_all_that_the_measurement_does_at_rest_counts_and_white_noise_as_before(
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("seen", "load", "setpoint"),
-    some_of([
+    [
         pytest.param(exhibit(StrongHum), 0.4, 0.7, id="strong hum"),
         pytest.param(ANALYSED, 0.4, 0.7, id="analyser"),
         pytest.param(exhibit(Heater), 0.4, 0.7, id="hum"),
         pytest.param(exhibit(NeighbouredHeater), 0.6, 0.95, id="neighbour"),  # both hold what the neighbour does
-    ]),
+    ],
 )  # fmt: skip
 def test_gains_are_found_and_they_are_better_than_those_that_ran(
     seen: Exhibit, load: float, setpoint: float, monkeypatch: pytest.MonkeyPatch

@@ -13,8 +13,6 @@ from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment
 from fopid_ros.tuner.learning.gain_update import read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 
-from ..share import some_of
-
 KEPT = 1.5
 """Factor within which what is said first is kept where the first experiment says enough."""
 
@@ -58,7 +56,7 @@ def test_it_is_shorter_and_what_is_learnt_is_what_the_whole_experiment_shows() -
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("name", some_of(GALLERY))
+@pytest.mark.parametrize("name", GALLERY)
 def test_it_is_safe_on_all_plants_and_over_in_time(name: str) -> None:
     loop, made, began = experiment(name, 2)
     assert is_safe(name, loop, made, began)

@@ -12,7 +12,6 @@ from fopid_core.design.front.front import Front, front
 from fopid_core.design.specification import STRUCTURES
 from fopid_core.model.process import read_process
 
-from ....share import some_of
 from .hypervolume import hypervolume
 
 pytestmark = pytest.mark.slow
@@ -57,7 +56,7 @@ def test_no_design_of_the_comparison_is_beyond_it(pid: Front) -> None:
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("name", some_of(["P2", "P3", "P4"]))
+@pytest.mark.parametrize("name", ["P2", "P3", "P4"])
 def test_nor_is_one_of_any_other_process(name: str) -> None:
     process = read_process(name)
     rows = [row for row in compare(comparison_request(process)).rows if row.stable]

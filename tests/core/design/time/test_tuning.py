@@ -27,8 +27,6 @@ from fopid_core.runtime.controller import ControllerSettings, FopidController
 from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.runtime.simulation import simulate
 
-from ....share import some_of
-
 INDICES = ("iae", "ise", "itae", "itse", "istes", "istse", "sum")
 QUICK = ("itae", "sum")
 """Of the other processes than P1, what the fast tests try."""
@@ -84,7 +82,7 @@ def test_the_fractional_controller_beats_the_best_plain_pid(process: str, index:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize(("process", "index"), some_of(CASES))
+@pytest.mark.parametrize(("process", "index"), CASES)
 def test_forty_starts_of_another_optimiser_find_nothing_better(process: str, index: str) -> None:
     """Nelder and Mead from random starts, the best five of them to the end; half a per cent is allowed."""
     problem = TimeProblem(read_process(process), specification(index), density=100)
