@@ -26,7 +26,7 @@ export PROCESS
 WORKERS := $(shell echo $$((2 * $$(nproc))))
 PYTEST = "$(BIN)/python" -m pytest --numprocesses $(WORKERS) --dist loadfile
 
-# The share of their work that campaigns do: those of `make reliability` and the longest of `make test-slow`.
+# The share of the work that is done: of each test's cases, of the tests that take long, and of campaigns.
 SHARE := 1
 # `make reliability`: where its figures go, and how many loops run side by side.
 PAGE := docs/reliability.md
@@ -46,10 +46,10 @@ demo: venv ## Tune and run a loop over ROS 2, write the report [PROCESS='9/((s+1
 
 .PHONY: test
 test: venv ## Run the fast tests [ARGS='-k name']
-	@$(PYTEST) $(ARGS)
+	@SHARE=$(SHARE) $(PYTEST) $(ARGS)
 
 .PHONY: test-slow
-test-slow: venv ## Run the tests marked slow [ARGS='-k name' SHARE=0.3]
+test-slow: venv ## Run the tests marked slow [ARGS='-k name' SHARE=0.2]
 	@export SHARE=$(SHARE); core=0; $(PYTEST) --timeout 900 --numprocesses auto --dist worksteal -m 'slow and not (ros or colcon or reliability)' $(ARGS) || core=$$?; \
 	ros=0; $(PYTEST) --timeout 900 -m 'slow and ros and not (colcon or reliability)' $(ARGS) || ros=$$?; \
 	[[ "$$core $$ros" =~ ^(0 [05]|5 0)$$ ]]  # 5: none of them was asked for
@@ -59,14 +59,14 @@ test-all: venv ## Run the fast and the slow tests
 	@$(PYTEST) -m 'not colcon and not reliability' $(ARGS)
 
 .PHONY: test-jazzy
-test-jazzy: ## Fast tests, every verb and the demonstration with the libraries of Ubuntu 24.04
+test-jazzy: ## Fast tests, every verb and the demonstration with the libraries of Ubuntu 24.04 [SHARE=0.2]
 	@$(MAKE) VENV=.venv-jazzy test
 	@$(MAKE) VENV=.venv-jazzy test-verbs
 	@$(MAKE) VENV=.venv-jazzy demo
 
 .PHONY: test-verbs
 test-verbs: venv ## Run each verb of the command line once
-	@$(PYTEST) -m 'slow or not slow' tests/core/cli/test_verbs.py tests/core/study/reproduce/test_reproduction.py $(ARGS)
+	@SHARE=1 $(PYTEST) -m 'slow or not slow' tests/core/cli/test_verbs.py tests/core/study/reproduce/test_reproduction.py $(ARGS)
 
 .PHONY: coverage
 coverage: venv ## Branches that the fast tests and the slow ones of verbs, studies and nodes take [ARGS=tests/core]

@@ -22,16 +22,19 @@ OVER_ROS = {Path(__file__).parent / folder for folder in ("ros", "reliability", 
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark what starts ROS nodes; of a slow test's cases keep as many as this run's share asks for."""
-    cases: dict[str, list[pytest.Item]] = defaultdict(list)
+    """Mark what starts ROS nodes; of each test's cases, and of the long tests, keep as many as the share asks for."""
+    groups: dict[str, list[pytest.Item]] = defaultdict(list)
     for item in items:
         if OVER_ROS.intersection(item.path.parents):
             item.add_marker(pytest.mark.ros)
-        if item.get_closest_marker("slow"):
-            cases[item.nodeid.partition("[")[0]].append(item)
-    if config.getoption("lf"):  # what has failed was among them
+        if item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.slow)
+            groups["long"].append(item)
+        else:
+            groups[item.nodeid.partition("[")[0]].append(item)
+    if config.getoption("lf", default=False):  # what has failed was among those
         return
-    left_out = {item for each in cases.values() for item in set(each) - set(some_of(each))}
+    left_out = {item for group in groups.values() for item in set(group) - set(some_of(group))}
     if left_out:
         config.hook.pytest_deselected(items=[item for item in items if item in left_out])
         items[:] = [item for item in items if item not in left_out]

@@ -1,4 +1,4 @@
-"""How much of their work campaigns do: SHARE in the environment, 1 unless said."""
+"""How much of the work is done: SHARE in the environment, 1 unless said."""
 
 from __future__ import annotations
 

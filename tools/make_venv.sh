@@ -124,7 +124,7 @@ install_project() {
   done
 }
 
-exec 9>build/.venv.lock
+exec 9>"build/$name.lock"
 flock 9
 
 if [ -f "$stamp" ] && [ -x "$venv/bin/python" ] && [ "$(venv_inputs "$venv/bin/python" | checksum)" = "$(cat "$stamp")" ]; then
@@ -142,6 +142,8 @@ else
 fi
 venv_inputs "$venv/bin/python" | checksum >"$stamp.new"
 install_locked
+exec 8>build/.sources.lock  # both environments build in the same folders
+flock 8
 build_msgs
 install_project
 mv "$stamp.new" "$stamp"

@@ -33,7 +33,7 @@ def errors(name: str, **settings: Any) -> tuple[float, float]:
     return float(error[first:second].sum()), float(error[second:].sum())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     ("name", "slow_end_seen"),

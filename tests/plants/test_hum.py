@@ -145,7 +145,7 @@ def test_all_that_the_measurement_does_at_rest_counts_and_white_noise_as_before(
     assert at_rest(Heater, 3.0).deviation_max == 3.0  # a band that somebody asks for stays
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("seen", "load", "setpoint"),

@@ -108,7 +108,7 @@ def test_a_setpoint_that_is_moved_meanwhile_is_nothing_against_the_gains(after: 
     assert loop.time >= begun + after
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_a_drive_with_a_gap_is_left_with_slower_gains_that_hold_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(GALLERY, "drive", DRIVE)

@@ -28,8 +28,6 @@ from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_wait import CancelledError
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 
-from ..share import SHARE
-
 NAME, SEED = "heat_exchanger", 1
 CRITERIA = AcceptanceCriteria(
     TuningRequest(read_process("P1")), RobustLimits(2.5, math.radians(30.0)), 2.0, compare=True
@@ -217,7 +215,7 @@ def test_an_experiment_that_follows_another_moves_the_measurement_as_far() -> No
     assert second.loop.deviation_max >= first.loop.deviation_max
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_a_furnace_whose_first_record_shows_too_slow_a_process_is_tuned_better_in_two() -> None:
     loads = []
@@ -232,8 +230,7 @@ def test_a_furnace_whose_first_record_shows_too_slow_a_process_is_tuned_better_i
     assert loads[1] < 0.85 * loads[0]
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(SHARE < 1.0, reason="takes a minute or two")
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_a_motor_whose_friction_shows_in_the_second_keeps_what_the_first_came_to() -> None:
     loop = VirtualLoop(GALLERY["motor_position"], 1)

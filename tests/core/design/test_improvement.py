@@ -69,7 +69,7 @@ def test_gains_that_noise_would_drive_are_refused(learnt: IdentificationResult) 
     assert "the measurement's noise would move the control by" in found.message
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_where_the_record_forbids_all_designs_one_is_made_slower(
     learnt: IdentificationResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -87,7 +87,7 @@ def test_where_the_record_forbids_all_designs_one_is_made_slower(
     assert loop_worth(loop, 0.05, 50.0).ms <= LIMITS.ms_max
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_of_several_methods_the_best_is_taken(learnt: IdentificationResult) -> None:
     assert learnt.best is not None
     running = RunningGains(WEAK, noise=0.01, control_movement=0.05)
@@ -149,7 +149,7 @@ def test_a_proposal_by_one_method_has_every_structure_and_rule_beside_it(learnt:
     assert "FOPID time, on the learnt process" in told
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_proposal_tells_of_what_noise_forbids(learnt: IdentificationResult) -> None:
     running = RunningGains(WEAK, noise=0.1, control_movement=0.03)
     found = improve(learnt, request(learnt), LIMITS, running, compare=False, every=True)

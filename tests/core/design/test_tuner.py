@@ -41,7 +41,7 @@ def holds_what_it_promises(request: TuningRequest, result: TuningResult) -> bool
     return verdict.stable and verdict.decided and result.stable and result.success == (not result.unmet)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @settings(derandomize=True, deadline=None, max_examples=25)
 @given(
     poles=st.lists(st.floats(0.05, 20.0), min_size=1, max_size=3),

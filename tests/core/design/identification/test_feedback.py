@@ -88,7 +88,7 @@ def test_what_was_moved_is_learnt_from_however_it_was_recorded(kind: str, fault:
     assert error(process, found.best) < 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_most_of_all_records_are_told_apart() -> None:
     """Without those of a control told too early, which no law of the past explains; each fault on each kind.
 

@@ -66,7 +66,7 @@ def test_the_baselines_tuning_keeps_the_bounds(monkeypatch: pytest.MonkeyPatch) 
     assert (1 / np.abs(1 + (kp + ki * s**-lam + kd * s**mu) / (s + 1) ** 3)).max() < 1.62
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_every_figure_of_the_performance_table_is_measured() -> None:
     result = invoke(["benchmark", "--quick", "--json"])

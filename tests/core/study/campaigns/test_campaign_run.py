@@ -231,7 +231,7 @@ def test_distributed_is_imported_for_a_cluster_only() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_killed_campaign_goes_on_and_its_result_is_that_of_an_undisturbed_one(tmp_path: Path) -> None:
     campaign = Campaign(
         "big", ("P1",), (SMALL.designs[0],), Variations(delay=Range(0.0, 0.5), samples=2_499), horizon=40.0

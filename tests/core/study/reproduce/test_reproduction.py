@@ -68,7 +68,7 @@ def test_a_place_that_cannot_be_written_is_said_before_anything_is_computed(tmp_
     assert str(tmp_path / "file" / "sub") in line
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_the_whole_paper(tmp_path: Path) -> None:
     seen: list[tuple[float, str]] = []
