@@ -14,8 +14,8 @@ from fopid_core.model.response import step_response
 from fopid_core.model.two_degrees import SetpointWeights
 
 DERIVATIVE_PAYS = 1.5
-"""How many times the error a step of the setpoint must leave without its derivative, for that to be worth its kick: where
-less was promised, limits took it on the plants, and the control moved half as much again."""
+"""How many times the error a step of the setpoint must leave without its derivative, for that to be worth its kick:
+what less was promised, limits took on the plants, and the control moved half as much again."""
 LITTLE_MORE = 1.1
 """How many times the least error is given for less overshoot: the plant overshoots by more than what is known of it,
 since it has limits."""
