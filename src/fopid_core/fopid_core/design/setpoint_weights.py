@@ -21,6 +21,8 @@ LITTLE_MORE = 1.1
 since it has limits."""
 SHARES = np.linspace(1.0, 0.0, 21)
 """Of the proportional part's weight, which are tried."""
+DIGITS = 6
+"""Behind the point, of weights: one from a search comes as 0.9999999999999987."""
 CALM = 2.0
 """An overshoot [%] of which nobody complains."""
 
@@ -82,5 +84,6 @@ class _Steps:
         self.overshoot = overshoot_pct(fastest)
 
     def weights(self, i: int) -> SetpointWeights:
-        """Those of a share."""
-        return replace(self._given, proportional=float(SHARES[i]) * self._given.proportional)
+        """Those of a share, in as many digits as anybody reads."""
+        given = self._given
+        return SetpointWeights(round(float(SHARES[i]) * given.proportional, DIGITS), round(given.derivative, DIGITS))
