@@ -25,7 +25,7 @@ pytestmark = NEEDS_BROWSER
 GAINS = ("kp", "ki", "kd", "lam", "mu")
 START = [2.0, 4.0, 0.0, 1.0, 1.0]
 PROCESS = "1/((0.6s+1)(0.1s+1))"
-ENDS = 480.0  # [s] an autotuning that proposes takes some 20 s where nothing else runs, and several minutes beside other tests
+ENDS = 480.0  # [s] an autotuning that proposes takes some 20 s alone, and some minutes beside other tests
 TRIES = 5  # a machine that is busy holds the simulated plant up: what is learnt of it, or watched, is then refused
 
 
