@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from compare import autotuned
 from foreign_plants.gallery import GALLERY, Exhibit
+from foreign_plants.heat import HeatExchanger
 from foreign_plants.parts import Actuator, Plant, Sensor, State
 from virtual_loop import VirtualLoop
 
@@ -73,6 +76,20 @@ def test_gains_that_hunt_are_seen_however_little_that_is_beside_the_move(monkeyp
     hunting = {"measurement_filter_order": 2, "measurement_filter_time": 0.0248}
     _, made = proof(DRIVE, Fopid(2.28, 16.2, 0.004, 1.0, 1.75), AS_LEARNT, 0.11, **hunting)
     assert "the loop hunts: at rest the measurement spreads by 0.1" in made.prove(0.11)
+
+
+class CoarseExchanger(HeatExchanger):
+    """Its sensor stands still at rest, and toggles between steps once it has been moved."""
+
+    def make_sensor(self) -> Sensor:
+        return Sensor(step=0.25)
+
+
+def test_a_coarse_sensor_that_toggles_between_its_steps_does_not_hunt() -> None:
+    coarse = replace(GALLERY["heat_exchanger"], plant=CoarseExchanger)
+    loop, made = proof(coarse, Fopid(0.3, 0.012, 0.0), Reach(1.5, 4.0, 0.5), 20.0)
+    assert made.prove(20.0) == ""
+    assert np.ptp(loop.history.newest_values("measurement", 30)) == pytest.approx(0.25)
 
 
 def test_gentle_gains_on_the_same_drive_come_to_rest() -> None:

@@ -141,7 +141,7 @@ class Autotuner:
         if self._request.propose_only:
             return [*lines, "nothing is applied: the gains are proposed"], experiment.estimate
         watching = "watching: for ten response times; the gains from before come back if the loop gets worse"
-        proving = "proving: moved once more as far as that; the gains from before come back if the loop swings on"
+        proving = "proving: moved once more as far as that; the gains from before come back if it swings on or hunts"
         lines += ["applying: without a bump, on trial", watching, proving]
         if self._has_a_second_round:
             where = "where the record does not show the process's slow end, or these are much livelier"

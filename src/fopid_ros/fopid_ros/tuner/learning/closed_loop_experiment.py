@@ -407,10 +407,12 @@ class ClosedLoopExperiment:
 
     def _note_resolution(self) -> None:
         """A quantised measurement that stood still at rest shows its steps when it moves."""
-        loop = self.loop
-        kept = self._tap.history.newest_values("measurement", SEEN_SAMPLES)
-        loop.noise = max(loop.noise, resolution(kept) / math.sqrt(12.0))
-        loop.unrest = max(loop.unrest, loop.noise)
+        self.loop.noise = max(self.loop.noise, self._quantisation())
+        self.loop.unrest = max(self.loop.unrest, self.loop.noise)
+
+    def _quantisation(self) -> float:
+        """Standard deviation that the steps of the measurement make, as far as it has moved."""
+        return resolution(self._tap.history.newest_values("measurement", SEEN_SAMPLES)) / math.sqrt(12.0)
 
     def _run_excitation(
         self, excitation: Excitation, progress: Callable[[], float], enough: float = math.inf,

@@ -91,7 +91,7 @@ class Proof(ClosedLoopExperiment):
     def _hunts(self) -> str:
         """Whether it moves far more at rest than it did before its gains were changed, looked at for as long."""
         rest = self._rest
-        usual = max(rest.spread, rest.least_move)
+        usual = max(rest.spread, rest.least_move, self._quantisation())
         spread, _ = self._once_small(spread_about_drift, RESTLESS * usual, rest.figures.duration)
         if spread <= RESTLESS * usual:
             return ""
