@@ -116,7 +116,7 @@ def test_only_a_rule_that_leaves_less_and_is_nearer_to_trouble_moves_the_bound_o
     assert not beaten(1.0, MS_MAX - 0.1, 1.5, 1.1), "they may be as near to trouble as the rule"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_control_of_the_chosen_gains_moves_no_faster_than_its_actuator(learnt: IdentificationResult) -> None:
     """As it runs on the plant, after a unit step of the setpoint; those that run begin without a kick."""
     assert learnt.best is not None
@@ -132,7 +132,7 @@ def test_the_control_of_the_chosen_gains_moves_no_faster_than_its_actuator(learn
     assert 0.2 < fastest <= 0.8 * 1.02
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_proposal_by_one_method_has_every_structure_and_rule_beside_it(learnt: IdentificationResult) -> None:
     told: list[str] = []
     wanted = replace(request(learnt), method="time", structure="pi", phase_margin=None, crossover=None)
@@ -181,7 +181,7 @@ def test_a_delay_far_below_the_tick_does_not_set_the_time_of_a_design(learnt: Id
     assert 0.5 < found.tuning.controller.ki / found.tuning.controller.kp < 2.0  # its zero is near the lag of 1 s
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("limited", [False, True])
 def test_a_process_that_integrates_is_tuned_in_time_with_limits_of_its_control_and_without(limited: bool) -> None:
     """The record shows no steady state: without limits, bounds that rested on it left no design but one that rests."""

@@ -111,7 +111,7 @@ def test_a_box_is_certified_where_it_holds() -> None:
 
 
 @pytest.mark.timeout(600)
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("which", range(len(BOXES)))
 def test_ten_boxes_are_certified_for_nine_tenths_of_what_holds_and_a_million_samples_agree(which: int) -> None:
     check_box(which, 40_000, 100_000)

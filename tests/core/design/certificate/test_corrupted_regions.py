@@ -143,7 +143,7 @@ def test_a_few_changes_of_a_region_are_accepted_only_where_true() -> None:
     assert 0 < accepted < 40
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("which", range(len(REGIONS)))
 def test_changes_of_regions_are_accepted_only_where_true(which: int) -> None:

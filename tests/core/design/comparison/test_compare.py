@@ -135,7 +135,7 @@ def test_on_the_test_bench_every_method_has_its_row_and_the_taken_one_keeps_the_
     assert 0.0 < bound < min(within) < 10.0 * bound
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_the_verb_gives_one_object_and_a_page(tmp_path: Path) -> None:
     page = tmp_path / "page.html"

@@ -73,7 +73,7 @@ def slow(*values: object) -> list[object]:
     return [pytest.param(value, marks=pytest.mark.slow) for value in values]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("integrates", [False, True])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_play_is_learnt_and_the_process_behind_it(seed: int, integrates: bool) -> None:
@@ -92,7 +92,7 @@ def test_play_is_learnt_and_the_process_behind_it(seed: int, integrates: bool) -
     assert off < 0.03 < 0.04 < abs(taken_for_linear.process(1j * w) / true - 1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("count", "expected"), [(8000, 0.1), (9000, 0.0)])
 def test_long_records_show_it_as_well_unless_they_are_averaged(count: int, expected: float) -> None:
     found = identify(recorded(play(0.1), 3, count=count), noise=LEVEL)

@@ -108,7 +108,7 @@ def test_nothing_is_found_where_nothing_came(closed: bool) -> None:
     assert not found.best.in_coloured_noise
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("process", PROCESSES)
 def test_noise_with_memory_is_no_reason_to_refuse_and_the_deviation_says_what_it_costs(process: str) -> None:
     errors, deviations = [], []

@@ -44,7 +44,7 @@ def day(spring: float, size: float, seed: int, pushed: float = 0.0, seconds: flo
     return Record(*np.array(rows).T)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("spring", [0.6, 0.0])
 def test_friction_is_learnt_and_the_process_without_it(spring: float, seed: int) -> None:

@@ -85,7 +85,7 @@ def test_who_does_not_look_for_such_a_process_finds_none() -> None:
     assert identify(held, "unstable:1", noise=0.01, unstable=False).success
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_gains_for_it_hold_the_true_process() -> None:
     name = "1/(s-1)"
     tuned = tune_recorded(record(name), "time")
@@ -94,7 +94,7 @@ def test_gains_for_it_hold_the_true_process() -> None:
     assert worst_sensitivity(HELD[name][0], design.controller, design.filter, H) < 2.2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_loop_that_looks_like_a_stable_process_beside_a_load_gets_no_gains_that_let_it_go() -> None:
     """Found by the campaign: gains near 0 were accepted."""
     signals, _, _ = made("integrator", "setpoint", 3)

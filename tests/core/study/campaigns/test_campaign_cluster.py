@@ -81,7 +81,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
         started.close()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_worker_killed_in_the_middle_loses_no_run_and_none_counts_twice(tmp_path: Path, cluster: Cluster) -> None:
     file, out = tmp_path / "c.yaml", tmp_path / "cluster.parquet"
     file.write_text(CAMPAIGN.to_yaml())
