@@ -22,6 +22,9 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Through the environment, so that brackets, ^, spaces and quotes reach the command as typed.
 export PROCESS
 
+# Folders that need not be read where no tests over ROS 2, or only such, are asked for.
+OVER_ROS := docs examples reliability ros
+WITHOUT_ROS := core fuzzing plants reliability workspace
 # Processes that run tests: two per core, since those over ROS 2 mostly wait; of the slow ones without it one per core.
 WORKERS := $(shell echo $$((2 * $$(nproc))))
 PYTEST = "$(BIN)/python" -m pytest --numprocesses $(WORKERS) --dist loadfile
@@ -50,8 +53,11 @@ test: venv ## Run the fast tests [ARGS='-k name']
 
 .PHONY: test-slow
 test-slow: venv ## Run the tests marked slow [ARGS='-k name' SHARE=0.2]
-	@export SHARE=$(SHARE); core=0; $(PYTEST) --timeout 900 --numprocesses auto --dist worksteal -m 'slow and not (ros or colcon or reliability)' $(ARGS) || core=$$?; \
-	ros=0; $(PYTEST) --timeout 900 -m 'slow and ros and not (colcon or reliability)' $(ARGS) || ros=$$?; \
+	@export SHARE=$(SHARE); core=0; $(PYTEST) --timeout 900 --numprocesses auto --dist worksteal \
+	  --ignore src $(OVER_ROS:%=--ignore tests/%) \
+	  -m 'slow and not (ros or colcon or reliability)' $(ARGS) || core=$$?; \
+	ros=0; $(PYTEST) --timeout 900 --ignore src $(WITHOUT_ROS:%=--ignore tests/%) \
+	  -m 'slow and ros and not (colcon or reliability)' $(ARGS) || ros=$$?; \
 	[[ "$$core $$ros" =~ ^(0 [05]|5 0)$$ ]]  # 5: none of them was asked for
 
 .PHONY: test-all
