@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `make` sets it: ten times faster on a busy machine
 
-OVER_ROS = {Path(__file__).parent / folder for folder in ("ros", "reliability", "docs", "examples")}
+CAMPAIGNS = Path(__file__).parent / "reliability"  # take their share of the work themselves
+OVER_ROS = {CAMPAIGNS, *(Path(__file__).parent / folder for folder in ("ros", "docs", "examples"))}
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -30,7 +31,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.slow)
             groups["long"].append(item)
-        else:
+        elif CAMPAIGNS not in item.path.parents:
             groups[item.nodeid.partition("[")[0]].append(item)
     if config.getoption("lf", default=False):  # what has failed was among those
         return

@@ -15,5 +15,5 @@ def share_of(count: int) -> int:
 
 
 def some_of(cases: Iterable[Any]) -> list[Any]:
-    """Of cases that each take long as many as this run's share asks for, evenly spread, the first among them."""
+    """Of cases as many as this run's share asks for, evenly spread, the first among them."""
     return list(cases)[:: max(1, round(1.0 / SHARE))]

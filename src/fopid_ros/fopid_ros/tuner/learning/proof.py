@@ -97,9 +97,7 @@ class Proof(ClosedLoopExperiment):
             return ""
         return f"the loop hunts: at rest the measurement spreads by {spread:.3g}, by {usual:.3g} before"
 
-    def _once_small(
-        self, size: Callable[[Sequence[float]], float], most: float, window: float
-    ) -> tuple[float, float]:  # fmt: skip
+    def _once_small(self, size: Callable[[Sequence[float]], float], most: float, window: float) -> tuple[float, float]:
         """How much the measurement moves once that is small, or dies out no more; and in the window before.
 
         0 where the setpoint is moved meanwhile.
