@@ -64,6 +64,10 @@ test-slow: venv ## Run the tests marked slow [ARGS='-k name' SHARE=0.2]
 test-all: venv ## Run the fast and the slow tests
 	@$(PYTEST) -m 'not colcon and not reliability' $(ARGS)
 
+.PHONY: test-again
+test-again: venv ## Run once more those of the fast and slow tests that have failed
+	@SHARE=$(SHARE) $(PYTEST) --timeout 900 -m 'slow or not slow' --last-failed --last-failed-no-failures none $(ARGS)
+
 .PHONY: test-jazzy
 test-jazzy: ## Fast tests, every verb and the demonstration with the libraries of Ubuntu 24.04 [SHARE=0.2]
 	@$(MAKE) VENV=.venv-jazzy test

@@ -20,7 +20,7 @@ from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.design.tuner import tune
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process, read_process
-from fopid_ros.tuner.learning import autotune
+from fopid_ros.tuner.learning import autotune, closed_loop_experiment
 from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings, RestlessError
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, read_running_controller
@@ -114,6 +114,26 @@ def test_much_livelier_gains_are_followed_by_a_round_that_learns_from_theirs_alo
     assert outcome.applied
     assert [aim for _, aim in rounds] == aims
     assert all(began > rounds[0][0] + records[0].span for began, _ in rounds[1:])
+
+
+@pytest.mark.parametrize(("integral", "rounds"), [(1.2, 1), (2.4, 2)])
+def test_whether_it_is_begun_depends_on_how_long_it_takes_with_the_new_gains(
+    integral: float, rounds: int, designed: Callable[[Design], list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For lack of a time that only the loop before would have taken, a plant was left with its first gains."""
+    monkeypatch.setattr(closed_loop_experiment, "LONGEST", 2.0)
+    kp, ki, _ = GALLERY[NAME].gains
+    first = found(1.2)
+    assert first.tuned is not None
+    assert first.tuned.tuning is not None
+    gains = Fopid(1.2 * kp, integral * ki)
+    first = replace(first, tuned=replace(first.tuned, tuning=replace(first.tuned.tuning, controller=gains)))
+    records = designed(lambda number: first if number == 1 else Outcome(message="nothing better"))
+    loop, outcome = tuned()
+    assert outcome.applied
+    assert share_of(loop) == pytest.approx(1.2)
+    assert len(records) >= rounds
+    assert (autotune.NO_TIME in outcome.message) == (len(records) == 1) == (rounds == 1)
 
 
 @pytest.mark.parametrize(

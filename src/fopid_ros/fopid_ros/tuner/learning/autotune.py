@@ -39,6 +39,8 @@ LIVELIER = 5.0
 of the loop before hardly shows the process."""
 MORE_MOVEMENT = 1.7
 """What such a loop may aim at of the control's movement from noise, in what was aimed at before."""
+NO_TIME = "gains are to be had that hold the setpoint better, for which no time was left: autotune once more"
+"""What is said instead of a second round."""
 SLOWER = (0.7, 0.5, 0.35)
 """How much slower gains that the loop did not bear are tried again, in turn."""
 
@@ -198,7 +200,7 @@ class Autotuner:
         self._wait.begin_round("", (0.0, 0.5 if self._has_a_second_round else 1.0))
         first = self._make_round(began)
         again = first.applied and (first.held_back or self._is_livelier(first))
-        if again and self._has_a_second_round and self._experiment.fits:
+        if again and self._has_a_second_round:
             return self._once_more(first, began)
         return self._prove(first, self._gain_update, self._experiment.furthest)
 
@@ -225,10 +227,14 @@ class Autotuner:
     def _once_more(self, first: Outcome, began: float) -> Outcome:
         """A second round; where it comes to nothing, what the first came to stays, if the loop bears to be moved."""
         made, update = self._experiment, self._gain_update
-        self._wait.begin_round("second round", (0.5, 1.0))
         aim = math.inf if first.held_back else MORE_MOVEMENT * first.noise_gain_aim
         self._take_for(read_running_controller(self._client), made.reach, aim)
         self._experiment.latest = made.latest
+        if not self._experiment.fits:
+            self._experiment, self._gain_update = made, update
+            first = replace(first, message=f"{first.message}; {NO_TIME}")
+            return self._prove(first, update, made.furthest)
+        self._wait.begin_round("second round", (0.5, 1.0))
         try:
             self._experiment.measure(made.furthest)
             second = self._make_round(began if first.held_back else self._tap.history.newest_time("control"))
