@@ -25,9 +25,10 @@ export PROCESS
 # Folders that need not be read where no tests over ROS 2, or only such, are asked for.
 OVER_ROS := docs examples reliability ros
 WITHOUT_ROS := core fuzzing plants reliability workspace
+# PATIENCE=2 in the environment doubles what tests wait for.
 # Processes that run tests: two per core, since those over ROS 2 mostly wait; of the slow ones without it one per core.
 WORKERS := $(shell echo $$((2 * $$(nproc))))
-PYTEST = "$(BIN)/python" -m pytest --numprocesses $(WORKERS) --dist loadfile
+PYTEST = "$(BIN)/python" -m pytest -p tests.patience --numprocesses $(WORKERS) --dist loadfile
 
 # The share of the work that is done: of each test's cases, of the tests that take long, and of campaigns.
 SHARE := 1
@@ -82,7 +83,7 @@ test-verbs: venv ## Run each verb of the command line once
 coverage: venv ## Branches that the fast tests and the slow ones of verbs, studies and nodes take [ARGS=tests/core]
 	@export COVERAGE_FOLDER="$(CURDIR)/build/coverage" PATIENCE=4; \
 	rm -rf "$$COVERAGE_FOLDER"; \
-	run=($(subst -m pytest,-m coverage run -m pytest -p tests.patience,$(PYTEST))); \
+	run=($(subst -m pytest,-m coverage run -m pytest,$(PYTEST))); \
 	failed=0; "$${run[@]}" $(ARGS) || failed=1; \
 	if [[ -z "$(ARGS)" ]]; then \
 	  "$${run[@]}" -m 'slow and not colcon' tests/core/{cli,study} tests/ros/{tuner,dashboard,experiment} || failed=1; \

@@ -1,6 +1,6 @@
 """How long tests wait: PATIENCE in the environment stretches their limits, for a run that slows everything.
 
-``make coverage`` loads this as a plugin, since counting branches slows programs two- to threefold.
+A plugin: ``make coverage`` asks for fourfold patience, since counting branches slows programs two- to threefold.
 """
 
 from __future__ import annotations

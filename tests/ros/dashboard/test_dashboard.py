@@ -253,8 +253,8 @@ def test_signals_are_told_as_they_are_in_simulated_time_and_any_namespace(graph:
     def sent() -> dict[float, FopidState]:
         return {round(s.header.stamp.sec + s.header.stamp.nanosec * 1e-9, 4): s for s in loop.states}
 
-    # Before the first state, and when the loop stood still for a second, there is the measurement alone.
-    rows = [row for row in reader.rows if row[3] is not None]
+    # Before the first state, and when the loop stood still for a second, measurement and control are all there is.
+    rows = [row for row in reader.rows if row[4] is not None]
     graph.until(lambda: all(time in sent() for time, *_ in rows), "the same states")
     assert len(rows) > 5
     for time, *told in rows:
