@@ -101,7 +101,12 @@ def test_much_livelier_gains_are_followed_by_a_round_that_learns_from_theirs_alo
 ) -> None:
     """A level was learnt with its valve's lag taken for delay, while the loop was a sixth as fast."""
     monkeypatch.setattr(autotune, "LIVELIER", livelier)
-    learnt = found(1.2, held_back=False, model=SimpleNamespace(crossover=0.05), noise_gain_aim=8.0)
+    learnt = found(
+        1.2,
+        held_back=False,
+        model=SimpleNamespace(crossover=0.05, process=read_process("1/(20s+1)*exp(-5s)")),
+        noise_gain_aim=8.0,
+    )
     records = designed(lambda number: learnt if number == 1 else Outcome(message="nothing better"))
     make, rounds = Autotuner._make_round, []
 

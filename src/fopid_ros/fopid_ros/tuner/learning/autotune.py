@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.response_verification import contradicts_rest
+from fopid_core.design.slow_actuator import LargeMoves
 from fopid_core.design.specification import TuningResult
 from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.errors import InputError
+from fopid_core.model.loop import Loop
 from fopid_core.runtime.performance_monitor import LoopPerformance
 from fopid_ros.tuner.controller_client import ControllerClient
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings, RestlessError
@@ -109,6 +111,7 @@ class Autotuner:
         self._learnt: tuple[IdentificationResult, Record] | None = None
         self._take_for(read_running_controller(client), before)
         self._rest = self._experiment.loop
+        self._slowest = 0.0
 
     def _take_for(self, controller: RunningController, before: Reach, noise_gain_aim: float = math.inf) -> None:
         """Begin a round with the controller as it runs."""
@@ -143,7 +146,10 @@ class Autotuner:
         if self._request.propose_only:
             return [*lines, "nothing is applied: the gains are proposed"], experiment.estimate
         watching = "watching: for ten response times; the gains from before come back if the loop gets worse"
-        proving = "proving: moved once more as far as that; the gains from before come back if it swings on or hunts"
+        proving = (
+            "proving: moved once more as far as that, then up to half of what is allowed; the gains from before come "
+            "back if it swings on or hunts, or would with an actuator as slow as it may be for all that was seen"
+        )
         lines += ["applying: without a bump, on trial", watching, proving]
         if self._has_a_second_round:
             where = "where the record does not show the process's slow end, or these are much livelier"
@@ -265,12 +271,31 @@ class Autotuner:
             asked, reach = self._request.experiment, self._experiment.reach
             proof = Proof(self._tap, self._wait, running, asked, reach, self._rest)
             proof.measure(borne)
-            against = proof.prove(response_time(outcome))
+            against = proof.prove(response_time(outcome)) or self._in_large_moves(outcome, proof)
         except RestlessError as error:
             against = str(error)
         except InputError as error:
             return replace(outcome, message=f"{outcome.message}; not moved once more: {error}")
         return self._taken_back(outcome, update, against) if against else outcome
+
+    def _in_large_moves(self, outcome: Outcome, proof: Proof) -> str:
+        """What speaks against new gains where the actuator is as slow as all that was heard allows."""
+        now = self._rest.controller
+        if outcome.model is None or not math.isfinite(now.control_range):
+            return ""
+        self._slowest = max(self._slowest, proof.slowest_actuator(outcome.model.process))
+        return self._refused_in_large_moves(outcome)
+
+    def _refused_in_large_moves(self, outcome: Outcome) -> str:
+        """That, with what has been heard until now; empty before that."""
+        tuning = outcome.tuned.tuning if outcome.tuned else None
+        if not self._slowest or outcome.model is None or tuning is None or tuning.controller is None:
+            return ""
+        now, rest, process = self._rest.controller, self._rest.control, outcome.model.process
+        low, high = now.control_min - rest, now.control_max - rest
+        running = Loop(process, now.gains, filter=now.filter, weights=now.weights)
+        moves = LargeMoves(process, now.sample_time, low, high, self._slowest, running)
+        return moves.refusal(Loop(process, tuning.controller, filter=tuning.filter, weights=tuning.weights))
 
     def _taken_back(self, outcome: Outcome, update: GainUpdate, against: str) -> Outcome:
         update.roll_back()
@@ -290,6 +315,9 @@ class Autotuner:
                 self._experiment = ClosedLoopExperiment(self._tap, self._wait, running, self._request.experiment, reach)
                 self._experiment.measure()
                 outcome = self._designed(update, *self._learnt, slower=(failed.tuned.tuning, share))
+                against = self._refused_in_large_moves(outcome)
+                if against:
+                    outcome = replace(outcome, success=False, message=f"nothing was changed: {against}")
                 if outcome.success:
                     outcome = update.apply_and_monitor(outcome, *self._what_is_borne())
                     outcome = self._prove(outcome, update, self._experiment.furthest)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+from fopid_core.design.slow_actuator import slowest_rate
+from fopid_core.model.process import Process
 from fopid_core.runtime.excitation import Excitation
 from fopid_ros.tuner.learning.closed_loop_experiment import (
     MOST_LARGER,
@@ -25,16 +27,18 @@ PROVED_RESPONSES, MOVED_ENOUGH = 2.0, 2.0
 SWING_SHARE, DYING = 0.25, 0.7
 """A loop that still swings by more than that share of what it was moved by, and by more than that share of as long a
 time before, does not come to rest."""
+PROVED_SHARE, WORTH_A_MOVE = 0.5, 1.5
+"""How far of the allowed deviation it is moved in the end, and from which factor on once more for that."""
 RESTLESS = 3.0
 """A loop whose measurement spreads at rest by so many times what it did before hunts: a good loop makes at most twice
 its noise of it (max |S|)."""
 
 
 class Proof(ClosedLoopExperiment):
-    """Moves a loop with new gains as far as it was moved to learn them, and sees it come to rest.
+    """Moves a loop with new gains as far as it was moved to learn them, then further, and sees it come to rest.
 
     With play, dry friction and whatever else no linear model knows a loop that rests may swing on once it is moved,
-    or hunt for ever.
+    or hunt for ever. An actuator that is slow shows that in large moves only.
 
     Parameters
     ----------
@@ -50,6 +54,7 @@ class Proof(ClosedLoopExperiment):
     ) -> None:  # fmt: skip
         super().__init__(tap, wait, loop, wanted, before)
         self._rest = rest
+        self._began = -math.inf
 
     def prove(self, response_time: float) -> str:
         """Move the loop and look.
@@ -64,19 +69,48 @@ class Proof(ClosedLoopExperiment):
         str
             What speaks against the gains; empty where nothing does, or nothing could be seen.
         """
-        before, most = self._before, self._wanted.amplitude or self._most()
-        amplitude, wanted = min(before.amplitude, most), min(before.moved, MOST_SHARE * self.loop.deviation_max)
+        self._began = self.newest
         hold = max(PROBE_SHARE_UNTIL_KNOWN * self.duration, PROVED_RESPONSES * response_time)
+        window = max(PROVED_RESPONSES * response_time, self.rest_window)
+        against = self._moved_as_before(hold)
+        while not against:
+            against, larger = self._swings_on(window), self._larger()
+            if against or larger <= WORTH_A_MOVE:
+                break
+            against = self._moved(larger * self._amplitude, hold)
+        return against or self._hunts()
+
+    def slowest_actuator(self, process: Process) -> float:
+        """The smallest rate of an actuator that what was heard since then does not exclude [1/s]."""
+        return slowest_rate(self._tap.history.record(self._began), process)
+
+    def _moved_as_before(self, hold: float) -> str:
+        """Find, from below, what moves the measurement as far as before; why a move was broken off."""
+        before, most = self._before, self._wanted.amplitude or self._most()
+        wanted = min(before.moved, MOST_SHARE * self.loop.deviation_max)
+        amplitude = min(before.amplitude, most)
         for _ in range(PROBES):
-            excitation = Excitation(self._settings("step", amplitude, 2.0 * hold))
-            self._run_excitation(excitation, lambda: 0.5)
-            if not excitation.completed:
-                return self.escaped
+            against = self._moved(amplitude, hold)
             larger = wanted / max(self._peak, 1e-300)
-            if larger <= MOVED_ENOUGH or amplitude == most:
+            if against or larger <= MOVED_ENOUGH or amplitude == most:
                 break
             amplitude = min(amplitude * min(larger, MOST_LARGER), most)
-        return self._swings_on(max(PROVED_RESPONSES * response_time, self.rest_window)) or self._hunts()
+        return against
+
+    def _moved(self, amplitude: float, hold: float) -> str:
+        """Move it there and back; what broke that off, where the loop did."""
+        self._amplitude = amplitude
+        excitation = Excitation(self._settings("step", amplitude, 2.0 * hold))
+        self._run_excitation(excitation, lambda: 0.5)
+        return "" if excitation.completed else self.escaped
+
+    def _larger(self) -> float:
+        """By how much it may be moved further than it was last; 1 where nobody says how far, or it has been enough."""
+        asked, limited = self._wanted.amplitude, math.isfinite(self.loop.controller.control_range)
+        if asked or not limited or self._tap.history.newest("setpoint") != self.loop.setpoint:
+            return 1.0
+        further = PROVED_SHARE * self.loop.deviation_max / max(self._peak, 1e-300)
+        return min(further, self._most() / self._amplitude, MOST_LARGER)
 
     def _swings_on(self, window: float) -> str:
         """Whether it does not come to rest after it was moved, looked at in windows of so much time [s]."""
