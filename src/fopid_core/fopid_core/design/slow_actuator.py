@@ -29,10 +29,9 @@ RATES = 24
 """So many are tried, from what takes half a tick for all that the control moved to what takes half the record."""
 SHIFTS = 7
 """A delay learnt in small moves holds what a slow actuator takes for those: so many shorter ones are tried as well."""
-EXCLUDED = 15.0
-"""A rate is excluded where twice the logarithm of the likelihood is less by so much than for the best,"""
-CLEARLY_MORE = 1.2
-"""or where it leaves so many times as much, in squares: what a model lacks is not left to chance."""
+SPEAKS, EXCLUDED = (8.0, 1.1), (15.0, 1.2)
+"""A record speaks for a slow actuator, and a rate is excluded, where twice the logarithm of the likelihood is less by
+so much than for the best, or so many times as much is left, in squares: what a model lacks is not left to chance."""
 MOVE_SHARE = 0.1
 """The moves that are tried take this share of the control's range,"""
 KICK_SHARE = 0.3
@@ -58,7 +57,7 @@ def slewed(control: Floats, most: float) -> Floats:
 
 
 def slowest_rate(record: Record, process: Process) -> float:
-    """The smallest rate of an actuator that a record does not exclude [1/s].
+    """The smallest rate of an actuator that a record does not exclude [1/s], where it speaks for a slow one.
 
     Parameters
     ----------
@@ -70,8 +69,7 @@ def slowest_rate(record: Record, process: Process) -> float:
     Returns
     -------
     float
-        What would move the control through all its range in the record within half a tick, where even the slowest that
-        is possible is that fast.
+        Infinite where one that jumps explains the record as well.
     """
     every = record.sample_time
     count = round(record.span / every) + 1
@@ -82,16 +80,20 @@ def slowest_rate(record: Record, process: Process) -> float:
     delay = round(process.delay / every)
     shifts = sorted({round(share * delay) for share in np.linspace(0.0, 1.0, SHIFTS)})
     rates = moved / np.geomspace(0.5 * every, 0.5 * record.span, RATES)
-    left = {rate: _left(slewed(control, rate * every), measurement, answer, shifts) for rate in rates.tolist()}
+    left: dict[float, Floats] = {}
+    for rate in rates.tolist():
+        left[rate] = _left(slewed(control, rate * every), measurement, answer, shifts)
     best = min(left.values(), key=lambda residual: float(residual @ residual))
     independent = best.size / correlation_time(best)
     least = float(best @ best)
 
-    def excluded(residual: Floats) -> bool:
+    def clearly_worse(residual: Floats, than: tuple[float, float]) -> bool:
         more = max(float(residual @ residual), 1e-300) / max(least, 1e-300)
-        return more > CLEARLY_MORE or independent * math.log(more) > EXCLUDED
+        return independent * math.log(more) > than[0] or more > than[1]
 
-    return float(min(rate for rate, residual in left.items() if not excluded(residual)))
+    if not clearly_worse(left[max(left)], SPEAKS):
+        return math.inf
+    return min(rate for rate, residual in left.items() if not clearly_worse(residual, EXCLUDED))
 
 
 def _step_answer(process: Process, every: float, count: int) -> Floats:

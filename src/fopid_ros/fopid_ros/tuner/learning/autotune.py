@@ -148,7 +148,7 @@ class Autotuner:
         watching = "watching: for ten response times; the gains from before come back if the loop gets worse"
         proving = (
             "proving: moved once more as far as that, then up to half of what is allowed; the gains from before come "
-            "back if it swings on or hunts, or would with an actuator as slow as it may be for all that was seen"
+            "back if it swings on or hunts, or would in larger moves, by an actuator that is seen to be slow"
         )
         lines += ["applying: without a bump, on trial", watching, proving]
         if self._has_a_second_round:
@@ -279,11 +279,13 @@ class Autotuner:
         return self._taken_back(outcome, update, against) if against else outcome
 
     def _in_large_moves(self, outcome: Outcome, proof: Proof) -> str:
-        """What speaks against new gains where the actuator is as slow as all that was heard allows."""
+        """What speaks against new gains where the actuator shows that it is slow, and is as slow as it may be."""
         now = self._rest.controller
         if outcome.model is None or not math.isfinite(now.control_range):
             return ""
-        self._slowest = max(self._slowest, proof.slowest_actuator(outcome.model.process))
+        slow = proof.slowest_actuator(outcome.model.process)
+        if math.isfinite(slow):
+            self._slowest = max(self._slowest, slow)
         return self._refused_in_large_moves(outcome)
 
     def _refused_in_large_moves(self, outcome: Outcome) -> str:

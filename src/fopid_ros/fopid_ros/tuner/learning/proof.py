@@ -81,7 +81,7 @@ class Proof(ClosedLoopExperiment):
         return against or self._hunts()
 
     def slowest_actuator(self, process: Process) -> float:
-        """The smallest rate of an actuator that what was heard since then does not exclude [1/s]."""
+        """The smallest rate that an actuator may have which shows that it is slow [1/s]; infinite where none does."""
         return slowest_rate(self._tap.history.record(self._began), process)
 
     def _moved_as_before(self, hold: float) -> str:
