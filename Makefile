@@ -25,9 +25,9 @@ export PROCESS
 # Folders that need not be read where no tests over ROS 2, or only such, are asked for.
 OVER_ROS := docs examples reliability ros
 WITHOUT_ROS := core fuzzing plants reliability workspace
-# PATIENCE=2 in the environment doubles what tests wait for.
 # Processes that run tests: two per core, since those over ROS 2 mostly wait; of the slow ones without it one per core.
 WORKERS := $(shell echo $$((2 * $$(nproc))))
+# PATIENCE=2 in the environment doubles what tests wait for.
 PYTEST = "$(BIN)/python" -m pytest -p tests.patience --numprocesses $(WORKERS) --dist loadfile
 
 # The share of the work that is done: of each test's cases, of the tests that take long, and of campaigns.
@@ -53,7 +53,7 @@ test: venv ## Run the fast tests [ARGS='-k name']
 	@SHARE=$(SHARE) $(PYTEST) $(ARGS)
 
 .PHONY: test-slow
-test-slow: venv ## Run the tests marked slow [ARGS='-k name' SHARE=0.2]
+test-slow: venv ## Run the tests marked slow [ARGS='-k name' SHARE=0.1]
 	@export SHARE=$(SHARE); core=0; $(PYTEST) --timeout 900 --numprocesses auto --dist worksteal \
 	  --ignore src $(OVER_ROS:%=--ignore tests/%) \
 	  -m 'slow and not (ros or colcon or reliability)' $(ARGS) || core=$$?; \

@@ -45,6 +45,12 @@ def test_nothing_speaks_for_one_that_jumps_nor_do_small_moves_in_noise(rate: flo
     assert slowest_rate(record(rate, noise, moved), Process.parse(PROCESS)) == math.inf
 
 
+@pytest.mark.parametrize("process", ["1/(s-1)", "1/(0.02s-1)"])
+def test_of_a_process_that_runs_away_nothing_is_known(process: str) -> None:
+    """Its response over the record, without the loop, has left all numbers."""
+    assert slowest_rate(record(7.0, 0.005), Process.parse(process)) == math.inf
+
+
 def test_a_delay_learnt_too_long_leaves_what_the_actuator_does() -> None:
     """In the small moves of an experiment a slow actuator looks like a delay."""
     assert 2.0 < slowest_rate(record(7.0, 0.005), Process.parse(f"{PROCESS}*exp(-0.4s)")) < 8.4

@@ -25,6 +25,12 @@ MOST_TICKS = 20_000
 _SEED = 1
 
 
+def ticks_until_rest(loop: Loop, sample_time: float) -> int:
+    """How many ticks of this length [s] a step of a loop takes to die out, as many as are simulated at most."""
+    horizon = default_horizon(loop) if stability(loop).stable else math.inf
+    return int(min(math.ceil(horizon / sample_time), MOST_TICKS)) if math.isfinite(horizon) else MOST_TICKS
+
+
 class FlawTrial:
     """The loop with its flaws after steps of a load, with the gains that run and with others.
 
@@ -54,8 +60,7 @@ class FlawTrial:
 
     def __init__(self, process: Process, flaws: Flaws, sample_time: float, noise: float, running: Loop) -> None:
         self._process, self._flaws, self._sample_time = process, flaws, sample_time
-        horizon = default_horizon(running) if stability(running).stable else math.inf
-        self._ticks = int(min(math.ceil(horizon / sample_time), MOST_TICKS)) if math.isfinite(horizon) else MOST_TICKS
+        self._ticks = ticks_until_rest(running, sample_time)
         self._noise = noise * np.random.default_rng(_SEED).standard_normal(self._ticks)
         self._before = [self._error(running, size) for size in LOADS]
 

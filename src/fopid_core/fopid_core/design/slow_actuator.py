@@ -12,14 +12,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import fftconvolve
 
+from fopid_core.design.flaw_trial import ticks_until_rest
 from fopid_core.design.identification.quality import correlation_time
 from fopid_core.design.identification.record import Record
 from fopid_core.model.arrays import Floats
-from fopid_core.model.evaluation import default_horizon
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
 from fopid_core.model.process import Process
-from fopid_core.model.stability import stability
+from fopid_core.model.stability import process_stability
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.plant import PlantSettings
@@ -38,7 +38,6 @@ KICK_SHARE = 0.3
 """and that of the setpoint is not answered with more than this share of it, at the crossover of what runs."""
 WORSE = 1.25
 """By how much more error than what runs new gains may leave after such a move."""
-MOST_TICKS = 20_000
 
 
 def slewed(control: Floats, most: float) -> Floats:
@@ -69,8 +68,11 @@ def slowest_rate(record: Record, process: Process) -> float:
     Returns
     -------
     float
-        Infinite where one that jumps explains the record as well.
+        Infinite where one that jumps explains the record as well, and where a process that runs away by itself would
+        have left any record long ago, so that nothing is known.
     """
+    if process_stability(process).unstable_poles:
+        return math.inf
     every = record.sample_time
     count = round(record.span / every) + 1
     ticks = np.searchsorted(record.time, (np.arange(count) + 0.25) * every, side="right") - 1
@@ -150,8 +152,7 @@ class LargeMoves:
     ) -> None:
         self._process, self._sample_time, self._low, self._high, self._rate = process, sample_time, low, high, rate
         self._load = MOVE_SHARE * (high - low)
-        horizon = default_horizon(running) if stability(running).stable else math.inf
-        self._ticks = int(min(math.ceil(horizon / sample_time), MOST_TICKS)) if math.isfinite(horizon) else MOST_TICKS
+        self._ticks = ticks_until_rest(running, sample_time)
         held = self._load * abs(complex(process(2.0j * math.pi / (self._ticks * sample_time))))
         crossover = margins(running).crossover
         answer = abs(complex(running.controller(1j * crossover))) if math.isfinite(crossover) else 0.0
