@@ -45,6 +45,11 @@ def test_nothing_speaks_for_one_that_jumps_nor_do_small_moves_in_noise(rate: flo
     assert slowest_rate(record(rate, noise, moved), Process.parse(PROCESS)) == math.inf
 
 
+def test_where_even_the_slowest_would_do_the_model_lacks_something_else() -> None:
+    """A furnace was taken for one whose actuator takes ten minutes, and was left with gains that hardly act."""
+    assert slowest_rate(record(0.9, 0.005), Process.parse(PROCESS)) == math.inf
+
+
 @pytest.mark.parametrize("process", ["1/(s-1)", "1/(0.02s-1)"])
 def test_of_a_process_that_runs_away_nothing_is_known(process: str) -> None:
     """Its response over the record, without the loop, has left all numbers."""

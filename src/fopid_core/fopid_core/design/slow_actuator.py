@@ -68,8 +68,9 @@ def slowest_rate(record: Record, process: Process) -> float:
     Returns
     -------
     float
-        Infinite where one that jumps explains the record as well, and where a process that runs away by itself would
-        have left any record long ago, so that nothing is known.
+        Infinite where one that jumps explains the record as well; and where nothing is known: where one that takes half
+        the record for its moves explains it as well, since the model lacks something else then, and where the process
+        runs away by itself.
     """
     if process_stability(process).unstable_poles:
         return math.inf
@@ -93,7 +94,7 @@ def slowest_rate(record: Record, process: Process) -> float:
         more = max(float(residual @ residual), 1e-300) / max(least, 1e-300)
         return independent * math.log(more) > than[0] or more > than[1]
 
-    if not clearly_worse(left[max(left)], SPEAKS):
+    if not clearly_worse(left[max(left)], SPEAKS) or not clearly_worse(left[min(left)], EXCLUDED):
         return math.inf
     return min(rate for rate, residual in left.items() if not clearly_worse(residual, EXCLUDED))
 
