@@ -86,7 +86,7 @@ def test_where_slower_ones_do_not_do_either_those_from_before_stay(monkeypatch: 
     loop, outcome = tuned(monkeypatch, 20.0)
     assert (outcome.success, outcome.applied, outcome.rolled_back) == (False, False, True)
     assert loop.gains() == Fopid(*GALLERY[NAME].gains)
-    assert "; slower ones did not do either: nothing was changed: " in outcome.message
+    assert "; others did not do either: nothing was changed: " in outcome.message
 
 
 def test_a_loop_that_runs_away_before_it_is_moved_is_taken_back_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

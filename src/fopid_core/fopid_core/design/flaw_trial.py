@@ -1,8 +1,13 @@
-"""Gains tried with an actuator that sticks or has play, or against dry friction: what a linear process cannot show."""
+"""Gains tried behind an actuator that sticks, has play or is slow, or against dry friction: nothing linear shows that.
+
+An actuator that is slow shows it in large moves: there it lags behind by up to a right angle, whatever margins the loop
+has, and a loop that is fast for it swings from limit to limit for ever.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +15,7 @@ from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.friction import Body
 from fopid_core.model.evaluation import default_horizon
 from fopid_core.model.loop import Loop
+from fopid_core.model.margins import margins
 from fopid_core.model.process import Process
 from fopid_core.model.stability import stability
 from fopid_core.runtime.controller import FopidController
@@ -17,35 +23,47 @@ from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.plant import PlantSettings
 from fopid_core.runtime.settings import as_designed
 
-LOADS = (2.0, 20.0)
-"""Steps of the load that are tried, in dead bands or frictions: one that is nearly swallowed, one that hardly is."""
-WORSE = 1.05
-"""By how much more error than what runs new gains may leave."""
+UNLIMITED = (-math.inf, math.inf)
+LOADS, WORSE = (2.0, 20.0), 1.05
+"""Steps of the load that are tried, in dead bands or frictions: one that is nearly swallowed, one that hardly is; and
+by how much more error than what runs new gains may leave."""
+MOVE_SHARE, WORSE_IN_LARGE = 0.1, 1.1
+"""With a slow actuator steps are tried that take this share of the control's range; and by how much more error than
+what runs new gains may leave then."""
+KICK_SHARE = 0.5
+"""That of the setpoint is not answered with more than this share of it, at the crossover of what runs."""
 MOST_TICKS = 20_000
 _SEED = 1
 
 
-def ticks_until_rest(loop: Loop, sample_time: float) -> int:
-    """How many ticks of this length [s] a step of a loop takes to die out, as many as are simulated at most."""
-    horizon = default_horizon(loop) if stability(loop).stable else math.inf
-    return int(min(math.ceil(horizon / sample_time), MOST_TICKS)) if math.isfinite(horizon) else MOST_TICKS
+@dataclass(frozen=True)
+class _Move:
+    """A step of the setpoint or of the load, and how much more error new gains may leave after it."""
+
+    setpoint: float
+    load: float
+    worse: float
+    told: str
 
 
 class FlawTrial:
-    """The loop with its flaws after steps of a load, with the gains that run and with others.
+    """The loop with its flaws after steps of a load and of the setpoint, with the gains that run and with others.
 
     Parameters
     ----------
     process : Process
         Behind the actuator; where there is friction, the body that it holds stands for it.
     flaws : Flaws
-        A dead band, or dry friction.
+        A dead band, dry friction, or a limit on the actuator's moves.
     sample_time : float
         Of the controller [s].
     noise : float
         Standard deviation of the measurement's noise.
     running : Loop
         What runs.
+    room : (float, float)
+        Limits of the control, from where it rests. Without both a slow actuator is not tried: nothing says how large
+        moves may be.
 
     Examples
     --------
@@ -56,37 +74,72 @@ class FlawTrial:
     ''
     >>> trial.refusal(Loop(process, Fopid(kp=0.5, ki=0.5)))
     'the actuator has play within 0.1: after a load of 2 times that 2 times the error of what runs is left'
+    >>> process, slow = Process.parse("1/((7s+1)(0.3s+1))"), Flaws(rate=7.0)
+    >>> trial = FlawTrial(process, slow, 0.1, 0.0, Loop(process, Fopid(kp=4.0, ki=0.6)), (-50.0, 50.0))
+    >>> trial.refusal(Loop(process, Fopid(kp=5.0, ki=0.8)))
+    ''
+    >>> trial.refusal(Loop(process, Fopid(kp=17.0, ki=15.0, kd=1.5)))
+    'the actuator moves by 7 a second: after a setpoint step of 9.2 9 times the error of what runs is left'
     """
 
-    def __init__(self, process: Process, flaws: Flaws, sample_time: float, noise: float, running: Loop) -> None:
-        self._process, self._flaws, self._sample_time = process, flaws, sample_time
-        self._ticks = ticks_until_rest(running, sample_time)
+    def __init__(
+        self, process: Process, flaws: Flaws, sample_time: float, noise: float, running: Loop,
+        room: tuple[float, float] = UNLIMITED,
+    ) -> None:  # fmt: skip
+        self._process, self._flaws, self._sample_time, self._room = process, flaws, sample_time, room
+        self._ticks = _ticks_until_rest(running, sample_time)
         self._noise = noise * np.random.default_rng(_SEED).standard_normal(self._ticks)
-        self._before = [self._error(running, size) for size in LOADS]
+        self._moves = [*self._small_moves(), *self._large_moves(running)]
+        self._before = [self._error(running, move) for move in self._moves]
 
     def refusal(self, loop: Loop) -> str:
-        """Why gains may not be used; empty where they leave no more error than what runs."""
-        for size, before in zip(LOADS, self._before, strict=True):
-            error = self._error(loop, size)
-            if error > WORSE * before:
-                after = f"after a load of {size:g} times that {error / before:.2g} times the error of what runs is left"
-                return f"{self._flaws}: {after}"
+        """Why gains may not be used; empty where they leave hardly more error than what runs."""
+        for move, before in zip(self._moves, self._before, strict=True):
+            error = self._error(loop, move)
+            if error > move.worse * before:
+                return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""
 
-    def _error(self, loop: Loop, times: float) -> float:
-        """Sum of the absolute error after a load of so many times the flaw; infinite where it grows beyond numbers."""
-        controller = FopidController(as_designed(loop.controller, self._sample_time, loop.filter, loop.weights))
-        friction, stem, total = self._flaws.friction, np.zeros(1), 0.0
+    def _small_moves(self) -> list[_Move]:
+        friction = self._flaws.friction
+        size = friction.size if friction else float(self._flaws.dead_band)
+        return [_Move(0.0, times * size, WORSE, f"a load of {times:g} times that") for times in LOADS if size]
+
+    def _large_moves(self, running: Loop) -> list[_Move]:
+        wide = self._room[1] - self._room[0]
+        if not (math.isfinite(self._flaws.rate) and math.isfinite(wide)):
+            return []
+        load, crossover = MOVE_SHARE * wide, margins(running).crossover
+        setpoint = load * abs(complex(self._process(2.0j * math.pi / (self._ticks * self._sample_time))))
+        if math.isfinite(crossover) and (answer := abs(complex(running.controller(1j * crossover)))):
+            setpoint = min(setpoint, KICK_SHARE * wide / answer)
+        return [
+            _Move(setpoint, 0.0, WORSE_IN_LARGE, f"a setpoint step of {setpoint:.2g}"),
+            _Move(0.0, load, WORSE_IN_LARGE, f"a load of {load:.2g}"),
+        ]
+
+    def _error(self, loop: Loop, move: _Move) -> float:
+        """Sum of the absolute error after a move; infinite where it grows beyond numbers."""
+        settings = as_designed(loop.controller, self._sample_time, loop.filter, loop.weights)
+        controller = FopidController(replace(settings, control_min=self._room[0], control_max=self._room[1]))
+        friction, most = self._flaws.friction, self._flaws.rate * self._sample_time
         plant = (
             Body(friction, self._sample_time) if friction
             else plant_of(PlantSettings(self._process, self._sample_time, delay_model="exact"))
         )  # fmt: skip
-        load = times * (friction.size if friction else float(self._flaws.dead_band))
+        at, stem, total = 0.0, np.zeros(1), 0.0
         for noise in self._noise.tolist():
-            control = controller.step(0.0, plant.measurement + noise)
-            stem = self._flaws.stem(np.array([control]), stem)
-            plant.step(float(stem[0]), load)
-            total += abs(plant.measurement)
+            control = controller.step(move.setpoint, plant.measurement + noise)
+            at += min(max(control - at, -most), most)
+            stem = self._flaws.stem(np.array([at]), stem)
+            plant.step(float(stem[0]), move.load)
+            total += abs(move.setpoint - plant.measurement)
             if not total < 1e90:
                 return math.inf
         return total
+
+
+def _ticks_until_rest(loop: Loop, sample_time: float) -> int:
+    """How many ticks of this length [s] a step of a loop takes to die out, as many as are simulated at most."""
+    horizon = default_horizon(loop) if stability(loop).stable else math.inf
+    return int(min(math.ceil(horizon / sample_time), MOST_TICKS)) if math.isfinite(horizon) else MOST_TICKS

@@ -190,10 +190,13 @@ def improve(
 def _and_its_flaws(
     refuse: Callable[[TuningResult], str], identified: IdentificationResult, judge: LoopJudge
 ) -> Callable[[TuningResult], str]:
-    """The same, and what a dead band or dry friction makes of a design, where there is one."""
-    if not (identified.flaws.dead_band or identified.flaws.friction) or identified.best is None:
+    """The same, and what a dead band, dry friction or a slow actuator makes of a design, where there is one."""
+    if not identified.flaws.come_before or identified.best is None:
         return refuse
-    tried = FlawTrial(identified.best.process, identified.flaws, judge.sample_time, judge.running.noise, judge.runs)
+    running = judge.running
+    tried = FlawTrial(
+        identified.best.process, identified.flaws, judge.sample_time, running.noise, judge.runs, running.control_room
+    )
     return lambda tuning: refuse(tuning) or tried.refusal(loop_of(judge.process, tuning))
 
 
@@ -376,7 +379,8 @@ def _hold_to_textbook(identified: IdentificationResult, request: TuningRequest, 
     """Ask for less error after a load than rules leave on the learnt process, at no more movement than theirs."""
     if identified.best is None:
         return
-    for controller, slow in textbook_loops(as_held(judge.process, request.sample_time), identified.best.crossover):
+    seen = as_held(judge.process, request.sample_time).delayed(identified.wait)
+    for controller, slow in textbook_loops(seen, identified.best.crossover):
         judge.note_textbook(judge.worth(Loop(judge.process, controller, slow)))
 
 

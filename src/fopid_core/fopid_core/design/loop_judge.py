@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from fopid_core.design.defaults import process_gain
+from fopid_core.design.flaw_trial import UNLIMITED
 from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
 from fopid_core.design.loop_worth import LoopWorth, loop_worth, noise_gain
 from fopid_core.design.robust_verification import RobustTuning, behind_hold
@@ -61,6 +62,8 @@ class RunningGains:
     control_rate : float
         How fast it may move the control, by the limit on its moves [1/s]; infinite for none. What the running ones do
         is allowed in any case.
+    control_room : (float, float)
+        Limits of the control, from where it rests.
     filter, weights
         Of the measurement and of the setpoint, that run with the gains.
     spectrum : NoiseSpectrum or None
@@ -79,6 +82,7 @@ class RunningGains:
     weights: SetpointWeights = WHOLE_SETPOINT
     spectrum: NoiseSpectrum | None = None
     noise_gain_aim: float = math.inf
+    control_room: tuple[float, float] = UNLIMITED
 
 
 class LoopJudge:

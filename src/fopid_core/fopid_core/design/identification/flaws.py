@@ -36,6 +36,8 @@ class Flaws:
         How far from the control the stem stood at first.
     friction : Friction or None
         Of the mechanism that is moved; of one process.
+    rate : float
+        How far the actuator moves in a second at most; of one process.
 
     Examples
     --------
@@ -56,6 +58,12 @@ class Flaws:
     centre: float = 0.0
     began: Floats | float = 0.0
     friction: Friction | None = None
+    rate: float = math.inf
+
+    @property
+    def come_before(self) -> bool:
+        """Whether something stands between the control and the linear part that only a simulation shows."""
+        return bool(self.dead_band) or self.friction is not None or math.isfinite(self.rate)
 
     def stem(self, control: Floats, before: Floats) -> Floats:
         """Where the stem is under a control, shape (m,), and was before."""
@@ -120,7 +128,8 @@ class Flaws:
     def of_record(self, record: Record) -> Record:
         """The record as the linear part sees it; of one process."""
         before = None if record.control_before is None else float(np.clip(record.control_before, self.low, self.high))
-        seen = replace(record, control=self.felt(record.control)[0], measurement=self.straight(record.measurement),
+        limited = slewed(record.time, record.control, np.array([self.rate]))[0]
+        seen = replace(record, control=self.felt(limited)[0], measurement=self.straight(record.measurement),
                        control_before=before)  # fmt: skip
         return replace(seen, control=self.friction.felt(seen)) if self.friction else seen
 
@@ -128,6 +137,8 @@ class Flaws:
         told = []
         if self.dead_band:
             told.append(f"the actuator {'sticks' if self.slip else 'has play'} within {self.dead_band:.3g}")
+        if math.isfinite(self.rate):
+            told.append(f"the actuator moves by {self.rate:.3g} a second")
         told += [f"the control is felt {side} {at:.4g} only" for side, at in (("above", self.low), ("below", self.high))
                  if math.isfinite(at)]  # fmt: skip
         if self.bend:
@@ -135,6 +146,37 @@ class Flaws:
         if self.friction:
             told.append(str(self.friction))
         return ", ".join(told)
+
+
+def slewed(time: Floats, control: Floats, rates: Floats) -> Floats:
+    """Where actuators of such speed are on average from each instant to the next; first at the first control.
+
+    Parameters
+    ----------
+    time, control : ndarray, shape (n,)
+        [s], and what is held from each instant to the next.
+    rates : ndarray, shape (m,)
+        [1/s], infinite for none.
+
+    Returns
+    -------
+    ndarray, shape (m, n)
+
+    Examples
+    --------
+    >>> slewed(np.arange(4.0), np.array([0.0, 3.0, 3.0, 1.0]), np.array([2.0, np.inf]))
+    array([[0.  , 1.  , 2.75, 2.  ],
+           [0.  , 3.  , 3.  , 1.  ]])
+    """
+    at = np.full(rates.size, control[0])
+    felt = np.empty((control.size, rates.size))
+    most = np.multiply.outer(np.diff(time, append=2.0 * time[-1] - time[-2]), rates)
+    for mean, wanted, reach in zip(felt, control.tolist(), most, strict=True):
+        away = wanted - at
+        moved = np.clip(away, -reach, reach)
+        mean[:] = at + moved * (1.0 - 0.5 * np.minimum(np.abs(away) / reach, 1.0))
+        at = at + moved
+    return np.ascontiguousarray(felt.T)
 
 
 def joined(flaws: Sequence[Flaws]) -> Flaws:

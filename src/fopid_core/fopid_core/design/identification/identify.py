@@ -21,6 +21,7 @@ from fopid_core.design.identification.friction import friction_of
 from fopid_core.design.identification.identified_model import IdentifiedModel, judged
 from fopid_core.design.identification.initial_estimates import initial_conditions, initial_parameters, rough_fit
 from fopid_core.design.identification.quality import fit_pct
+from fopid_core.design.identification.rate_limit import rate_limit_of
 from fopid_core.design.identification.record import Record, validation_samples
 from fopid_core.design.identification.refusal import (
     LEAST_FIT,
@@ -78,6 +79,8 @@ class IdentificationResult:
         The simplest of those that fit best; None where none could be fitted.
     elapsed : float
         [s]
+    wait : float
+        Counted as more delay by those who design for it: what a slow actuator takes for a large move [s].
     """
 
     success: bool
@@ -85,15 +88,19 @@ class IdentificationResult:
     models: tuple[IdentifiedModel, ...]
     best: IdentifiedModel | None
     elapsed: float
+    wait: float = 0.0
 
     @property
     def flaws(self) -> Flaws:
-        """What the record speaks for: a dead band of the actuator, or dry friction. The models are of the rest."""
+        """What the record speaks for: a dead band of the actuator, a limit on its moves, or dry friction.
+
+        The models are of the rest.
+        """
         return self.best.flaws if self.best else Flaws()
 
     def behind_actuator(self, record: Record) -> Record:
         """A record as the linear process saw it: what actuator and friction left of its control."""
-        return self.flaws.of_record(record) if self.flaws.dead_band or self.flaws.friction else record
+        return self.flaws.of_record(record) if self.flaws.come_before else record
 
 
 def identify(
@@ -141,8 +148,7 @@ def identify(
     """
     begun = clock()
     whole, record = record, record.longest_stretch
-    names = tuple(TEMPLATE_STRUCTURES) if template == "all" else tuple(template.split(","))
-    structures = [structure_of(name) for name in names]
+    search = _search(template, noise, disturbances, unstable)
     nothing = refusal_before(record)
     if nothing:
         return IdentificationResult(False, nothing, (), None, clock() - begun)
@@ -150,10 +156,7 @@ def identify(
     nothing = refusal_of_feedback(record, rough.response.start)
     if nothing:
         return IdentificationResult(False, nothing, (), None, clock() - begun)
-    everything = template == "all"
-    found = _Search(structures, everything, noise, disturbances, everything and disturbances, unstable).of(
-        record, rough
-    )
+    found = search.of(record, rough)
     told = found.refusal or _told(found.best)
     if record is not whole:
         told += (
@@ -251,6 +254,40 @@ class _Search:
                 break
             found, best = other, other.best
         return None if found is None or found.refusal else found
+
+
+def behind_slow_actuator(
+    record: Record, learnt: IdentificationResult, template: str = "all", noise: float = 0.0
+) -> IdentificationResult | None:
+    """What was learnt, behind a limit on the actuator's moves; None where a record does not speak for one.
+
+    Parameters
+    ----------
+    record : Record
+        With moves as large as may be.
+    learnt : IdentificationResult
+        From it, or from smaller moves.
+    template, noise
+        As for `identify`.
+    """
+    begun, best = time.perf_counter(), learnt.best
+    flaws = rate_limit_of(record, best) if best is not None else None
+    if best is None or flaws is None:
+        return None
+    seen = Flaws(rate=flaws.rate).of_record(record)
+    found = _search(template, noise).of(seen, rough_fit(seen, _ROUGH, loads=True))
+    if found.refusal:
+        return replace(learnt, best=replace(best, flaws=flaws))
+    found = found.behind(replace(found.best.flaws, rate=flaws.rate))
+    return IdentificationResult(True, _told(found.best), found.models, found.best, time.perf_counter() - begun)
+
+
+def _search(template: str, noise: float, disturbances: bool = True, unstable: bool = True) -> _Search:
+    """What `identify` looks for."""
+    everything = template == "all"
+    names = tuple(TEMPLATE_STRUCTURES) if everything else tuple(template.split(","))
+    structures = [structure_of(name) for name in names]
+    return _Search(structures, everything, noise, disturbances, everything and disturbances, unstable)
 
 
 def refit(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
-from fopid_core.design.identification.identify import IdentificationResult, identify
+from fopid_core.design.flaw_trial import MOVE_SHARE, FlawTrial
+from fopid_core.design.identification.identify import IdentificationResult, behind_slow_actuator, identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.response_verification import contradicts_rest
-from fopid_core.design.slow_actuator import LargeMoves
 from fopid_core.design.specification import TuningResult
 from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.errors import InputError
@@ -45,6 +46,9 @@ NO_TIME = "gains are to be had that hold the setpoint better, for which no time 
 """What is said instead of a second round."""
 SLOWER = (0.7, 0.5, 0.35)
 """How much slower gains that the loop did not bear are tried again, in turn."""
+WAITS = (0.25, 0.5, 1.0)
+"""Before that, where the actuator is slow: shares of what it takes for a large move that designs count as delay, of
+which the best is tried. A ramp is a step behind half of it."""
 
 
 @dataclass(frozen=True)
@@ -109,9 +113,9 @@ class Autotuner:
         self._tap, self._client, self._request, self._wait = tap, client, request, wait
         self._updates: list[GainUpdate] = []
         self._learnt: tuple[IdentificationResult, Record] | None = None
+        self._learnt_since = math.inf
         self._take_for(read_running_controller(client), before)
         self._rest = self._experiment.loop
-        self._slowest = 0.0
 
     def _take_for(self, controller: RunningController, before: Reach, noise_gain_aim: float = math.inf) -> None:
         """Begin a round with the controller as it runs."""
@@ -188,7 +192,7 @@ class Autotuner:
         try:
             self._tap.begin_injection()
             outcome = self._run()
-            return self._try_slower(outcome) if outcome.rolled_back else outcome
+            return self._try_others(outcome) if outcome.rolled_back else outcome
         except BaseException:
             for update in reversed(self._updates):
                 update.roll_back()
@@ -271,33 +275,28 @@ class Autotuner:
             asked, reach = self._request.experiment, self._experiment.reach
             proof = Proof(self._tap, self._wait, running, asked, reach, self._rest)
             proof.measure(borne)
-            against = proof.prove(response_time(outcome)) or self._in_large_moves(outcome, proof)
+            against = proof.prove(response_time(outcome)) or self._in_large_moves(outcome)
         except RestlessError as error:
             against = str(error)
         except InputError as error:
             return replace(outcome, message=f"{outcome.message}; not moved once more: {error}")
         return self._taken_back(outcome, update, against) if against else outcome
 
-    def _in_large_moves(self, outcome: Outcome, proof: Proof) -> str:
-        """What speaks against new gains where the actuator shows that it is slow, and is as slow as it may be."""
-        now = self._rest.controller
-        if outcome.model is None or not math.isfinite(now.control_range):
-            return ""
-        slow = proof.slowest_actuator(outcome.model.process)
-        if math.isfinite(slow):
-            self._slowest = max(self._slowest, slow)
-        return self._refused_in_large_moves(outcome)
-
-    def _refused_in_large_moves(self, outcome: Outcome) -> str:
-        """That, with what has been heard until now; empty before that."""
+    def _in_large_moves(self, outcome: Outcome) -> str:
+        """What speaks against new gains where all that was heard says that the actuator is slow."""
+        now, rest = self._rest.controller, self._rest
         tuning = outcome.tuned.tuning if outcome.tuned else None
-        if not self._slowest or outcome.model is None or tuning is None or tuning.controller is None:
+        if self._learnt is None or tuning is None or tuning.controller is None or not math.isfinite(now.control_range):
             return ""
-        now, rest, process = self._rest.controller, self._rest.control, outcome.model.process
-        low, high = now.control_min - rest, now.control_max - rest
+        record = self._tap.history.record(self._learnt_since)
+        slow = behind_slow_actuator(record, self._learnt[0], self._request.template, rest.unrest)
+        if slow is None or slow.best is None:
+            return ""
+        self._learnt = slow, record
+        process = slow.best.process
         running = Loop(process, now.gains, filter=now.filter, weights=now.weights)
-        moves = LargeMoves(process, now.sample_time, low, high, self._slowest, running)
-        return moves.refusal(Loop(process, tuning.controller, filter=tuning.filter, weights=tuning.weights))
+        trial = FlawTrial(process, slow.flaws, now.sample_time, rest.noise, running, now.room(rest.control))
+        return trial.refusal(Loop(process, tuning.controller, filter=tuning.filter, weights=tuning.weights))
 
     def _taken_back(self, outcome: Outcome, update: GainUpdate, against: str) -> Outcome:
         update.roll_back()
@@ -305,36 +304,48 @@ class Autotuner:
         told = f"the previous gains are back, since with the new ones {against}"
         return replace(outcome, success=False, applied=False, rolled_back=True, message=told)
 
-    def _try_slower(self, failed: Outcome) -> Outcome:
-        """What the loop did not bear, slower; where it does not bear that either, the gains from before stay."""
+    def _try_others(self, failed: Outcome) -> Outcome:
+        """Where the loop did not bear gains: some for the slow actuator that was found, then those slower.
+
+        Where it does not bear any of them, those from before stay.
+        """
         if self._learnt is None or failed.tuned is None or failed.tuned.tuning is None:
             return failed
         update, reach = self._gain_update, self._experiment.reach
-        for share in SLOWER:
-            self._wait.begin_round("slower gains", (0.95, 1.0))
+        for said, design in self._others(update, failed.tuned.tuning):
+            self._wait.begin_round("other gains", (0.95, 1.0))
             try:
                 running = LoopBaseline(read_running_controller(self._client))
                 self._experiment = ClosedLoopExperiment(self._tap, self._wait, running, self._request.experiment, reach)
                 self._experiment.measure()
-                outcome = self._designed(update, *self._learnt, slower=(failed.tuned.tuning, share))
-                against = self._refused_in_large_moves(outcome)
-                if against:
-                    outcome = replace(outcome, success=False, message=f"nothing was changed: {against}")
+                outcome = design()
                 if outcome.success:
                     outcome = update.apply_and_monitor(outcome, *self._what_is_borne())
                     outcome = self._prove(outcome, update, self._experiment.furthest)
             except InputError as error:
                 update.roll_back()
-                return replace(failed, message=f"{failed.message}; slower ones were not tried to the end: {error}")
+                return replace(failed, message=f"{failed.message}; others were not tried to the end: {error}")
             if outcome.applied:
-                first = f"{share:g} times as fast as those that came first: {failed.message}"
-                return replace(outcome, message=f"{outcome.message}; {first}")
-        return replace(failed, message=f"{failed.message}; slower ones did not do either: {outcome.message}")
+                return replace(outcome, message=f"{outcome.message}; {said} that came first: {failed.message}")
+        return replace(failed, message=f"{failed.message}; others did not do either: {outcome.message}")
+
+    def _others(self, update: GainUpdate, design: TuningResult) -> Iterator[tuple[str, Callable[[], Outcome]]]:
+        """What else is tried: how it is called, and how it is made."""
+        if self._learnt is None:
+            return
+        learnt, record = self._learnt
+        large = MOVE_SHARE * self._rest.controller.control_range / learnt.flaws.rate
+        if 0.0 < large < math.inf:
+            late = [replace(learnt, wait=share * large) for share in WAITS]
+            yield "for that actuator, others than those", partial(self._best_designed, update, late, record)
+        for share in SLOWER:
+            slower = partial(self._designed, update, learnt, record, slower=(design, share))
+            yield f"{share:g} times as fast as those", slower
 
     def _learn(self, began: float) -> Outcome:
         """A model of all that was heard since ``began``, and gains for it."""
         self._wait.report(Stage("identifying", 0.6))
-        record = self._tap.history.record(began)
+        self._learnt_since, record = began, self._tap.history.record(began)
         found = identify(record, self._request.template, noise=self._experiment.loop.unrest)
         if not found.success or found.best is None:
             told = f"nothing was changed: {found.message} ({self._experiment.made})"
@@ -354,8 +365,24 @@ class Autotuner:
         """Gains for what was learnt; or those of an earlier design, slower."""
         loop, every = self._experiment.loop, self._request.propose_only
         return update.design(
-            found, loop.sensor, loop.control_peak, loop.control_rate, every=every, record=record, slower=slower
+            found,
+            loop.sensor,
+            loop.control_peak,
+            loop.control_rate,
+            loop.control,
+            every=every,
+            record=record,
+            slower=slower,
         )
+
+    def _best_designed(self, update: GainUpdate, found: Sequence[IdentificationResult], record: Record) -> Outcome:
+        """The gains that leave least of several designs for the same process."""
+
+        def left(outcome: Outcome) -> float:
+            worth = outcome.candidates[0].worth if outcome.success else None
+            return worth.setpoint * worth.load**2 if worth else math.inf
+
+        return min((self._designed(update, each, record) for each in found), key=left)
 
     def _try_out(self, trial: Trial) -> Outcome:
         asked = Outcome(success=True, message=f"{trial.design.gains} as asked")

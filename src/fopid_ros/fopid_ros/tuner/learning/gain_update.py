@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from fopid_core.design.acceptance import rejection_reason
+from fopid_core.design.flaw_trial import UNLIMITED
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.identification.noise import SensorNoise
@@ -137,6 +138,10 @@ class RunningController:
         """From limit to limit; infinite without."""
         return self.control_max - self.control_min
 
+    def room(self, control: float) -> tuple[float, float]:
+        """Limits of the control, from a value of it."""
+        return self.control_min - control, self.control_max - control
+
     @property
     def running(self) -> RunningDesign:
         """The gains with the filter and the weights they run with."""
@@ -202,7 +207,7 @@ class GainUpdate:
 
     def design(
         self, found: IdentificationResult, sensor: SensorNoise = SILENT, control_peak: float = math.inf,
-        control_rate: float = math.inf, *, every: bool = False, record: Record | None = None,
+        control_rate: float = math.inf, control: float = math.nan, *, every: bool = False, record: Record | None = None,
         slower: tuple[TuningResult, float] | None = None,
     ) -> Outcome:  # fmt: skip
         """Gains for what was learnt that beat the running ones on it, verified on all that the record leaves possible.
@@ -216,6 +221,8 @@ class GainUpdate:
             How far a unit step of the setpoint may take the control; infinite where no limit says.
         control_rate : float
             How fast it may [1/s]; infinite where no limit says.
+        control : float
+            Where it rests; NaN where that is not known.
         every : bool
             Whether one of each structure and rule is made, for a person to choose from.
         record : Record, optional
@@ -247,6 +254,7 @@ class GainUpdate:
             now.weights,
             sensor.spectrum,
             self._noise_gain_aim,
+            now.room(control) if math.isfinite(control) else UNLIMITED,
         )
         only = None
         if slower is not None and found.best is not None:

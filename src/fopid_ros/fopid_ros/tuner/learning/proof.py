@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from fopid_core.design.slow_actuator import slowest_rate
-from fopid_core.model.process import Process
 from fopid_core.runtime.excitation import Excitation
 from fopid_ros.tuner.learning.closed_loop_experiment import (
     MOST_LARGER,
@@ -54,7 +52,6 @@ class Proof(ClosedLoopExperiment):
     ) -> None:  # fmt: skip
         super().__init__(tap, wait, loop, wanted, before)
         self._rest = rest
-        self._began = -math.inf
 
     def prove(self, response_time: float) -> str:
         """Move the loop and look.
@@ -69,7 +66,6 @@ class Proof(ClosedLoopExperiment):
         str
             What speaks against the gains; empty where nothing does, or nothing could be seen.
         """
-        self._began = self.newest
         hold = max(PROBE_SHARE_UNTIL_KNOWN * self.duration, PROVED_RESPONSES * response_time)
         window = max(PROVED_RESPONSES * response_time, self.rest_window)
         against = self._moved_as_before(hold)
@@ -79,10 +75,6 @@ class Proof(ClosedLoopExperiment):
                 break
             against = self._moved(larger * self._amplitude, hold)
         return against or self._hunts()
-
-    def slowest_actuator(self, process: Process) -> float:
-        """The smallest rate that an actuator may have which shows that it is slow [1/s]; infinite where none does."""
-        return slowest_rate(self._tap.history.record(self._began), process)
 
     def _moved_as_before(self, hold: float) -> str:
         """Find, from below, what moves the measurement as far as before; why a move was broken off."""

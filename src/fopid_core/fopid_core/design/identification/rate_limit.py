@@ -1,0 +1,81 @@
+"""An actuator that is slow, where a record speaks for one: a linear model takes it for lag, delay and a lesser gain.
+
+How far it moves in a time is limited, which small moves hardly show. As for a dead band, what the process felt follows
+from the recorded control and the limit alone; the linear part is fitted to that, and how well it fits says which limit
+there is, if any.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from fopid_core.design.identification.fit import Fit, fit
+from fopid_core.design.identification.flaws import Flaws, slewed
+from fopid_core.design.identification.identified_model import IdentifiedModel
+from fopid_core.design.identification.quality import correlation_time
+from fopid_core.design.identification.record import Record
+from fopid_core.design.identification.response import RecordResponse
+from fopid_core.model.arrays import Floats
+
+RATES, NEARER = 24, np.geomspace(0.75, 1.33, 9)
+"""So many are tried first, from what takes a tick for all that the control moved to what takes a quarter of the record;
+and what lies about the best of those."""
+SPEAKS = 8.0
+"""Twice the logarithm of the likelihood grows by so much with a limit: by chance hardly ever, over all that are tried,
+and what is found by chance is no slower than the record allows."""
+POSSIBLE = 4.0
+"""What loses less of that than this is as good."""
+SHORTER = (1.0, 0.2)
+"""A delay learnt without a limit holds what a slow actuator takes: fits begin with it, and with that share of it."""
+_CELLS, _EVALUATIONS, _TOLERANCE = 2048, 12, 1e-4
+
+
+def rate_limit_of(record: Record, learnt: IdentifiedModel) -> Flaws | None:
+    """The limit that explains what a model leaves, beside what was learnt; None where nothing speaks for one.
+
+    It is the smallest that explains that about as well as the best, which is the safe side.
+
+    Parameters
+    ----------
+    record : Record
+        With moves as large as may be.
+    learnt : IdentifiedModel
+        From it, or from smaller moves, as if the actuator were as fast as one likes.
+    """
+    moved = float(np.ptp(record.control))
+    if not moved or learnt.structure.runs_away:
+        return None
+    rates = moved / np.geomspace(record.sample_time, 0.25 * record.span, RATES)
+    tried = _behind(record, learnt, np.append(rates, math.inf))
+    best = min(tried, key=lambda rate: tried[rate].error)
+    if math.isinf(best) or best == min(tried):
+        return None
+    tried |= _behind(record, learnt, best * NEARER)
+    best = min(tried, key=lambda rate: tried[rate].error)
+    independent = tried[best].residual.size / correlation_time(tried[best].residual)
+    lost = {
+        rate: 2.0 * independent * math.log(found.error / max(tried[best].error, 1e-300))
+        for rate, found in tried.items()
+    }
+    if lost[math.inf] < SPEAKS:
+        return None
+    return replace(learnt.flaws, rate=min(rate for rate in lost if lost[rate] <= POSSIBLE))
+
+
+def _behind(record: Record, learnt: IdentifiedModel, rates: Floats) -> dict[float, Fit]:
+    """The structure, fitted to what actuators with these limits let through."""
+    others = replace(learnt.flaws, rate=math.inf)
+    return {
+        rate: _fitted(others.of_record(replace(record, control=felt)), learnt)
+        for rate, felt in zip(rates.tolist(), slewed(record.time, record.control, rates), strict=True)
+    }
+
+
+def _fitted(seen: Record, learnt: IdentifiedModel) -> Fit:
+    response = RecordResponse(seen, learnt.structure, learnt.start, _CELLS)
+    rows = np.ones(response.time.size, dtype=bool)
+    begins = [np.append(learnt.fitted.x[:-1], share * learnt.fitted.x[-1]) for share in SHORTER]
+    return min((fit(response, begin, rows, _EVALUATIONS, _TOLERANCE) for begin in begins), key=lambda one: one.error)
