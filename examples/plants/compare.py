@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from best_known import FILE, settings_of
-from foreign_plants.gallery import GALLERY, known_plants
+from foreign_plants.gallery import DRAWN, GALLERY, known_plants
 from judging import Judgements, judge
 from step_test import SLOWER, Pid, amigo, simc, step_test
 from virtual_loop import TooLongError, VirtualLoop
@@ -195,11 +195,14 @@ def main() -> int:
     """Compare and write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("plants", nargs="*", default=known_plants())
+    parser.add_argument("--drawn", type=int, metavar="COUNT", help="so many plants that nobody chose, instead")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--seed", type=int, default=1, help="of the sensor's noise while autotuning")
     parser.add_argument("--whole", action="store_true", help="experiments do not end once enough is known")
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
+    if given.drawn:
+        given.plants = [f"{DRAWN}{number}" for number in range(given.drawn)]
     found: dict[str, Any] = {}
     with ProcessPoolExecutor(given.workers) as pool:
         for name, seen, took in pool.map(compared, given.plants, repeat(given.seed), repeat(not given.whole)):

@@ -25,12 +25,12 @@ def name(request: pytest.FixtureRequest) -> str:
 
 @pytest.mark.parametrize("name", OWN_EQUATIONS)
 def test_has_no_slope_at_rest(name: str) -> None:
-    plant = GALLERY[name].plant()
+    plant = GALLERY[name].plant(0)
     assert np.allclose(plant.slopes(plant.state, plant.control_at_rest), 0.0, atol=2e-6)
 
 
 def test_stays_where_it_rests(name: str) -> None:
-    plant = GALLERY[name].plant()
+    plant = GALLERY[name].plant(0)
     before = plant.state
     for _ in range(20):
         plant.step(plant.control_at_rest, GALLERY[name].sample_time)
@@ -39,7 +39,7 @@ def test_stays_where_it_rests(name: str) -> None:
 
 @pytest.mark.parametrize("name", OWN_EQUATIONS)
 def test_solves_its_equation(name: str) -> None:
-    plant = GALLERY[name].plant()
+    plant = GALLERY[name].plant(0)
     if isinstance(plant, HeatExchanger):
         pytest.skip("its equation has a memory beside its state")
     control, span = plant.control_at_rest + 0.1 * GALLERY[name].load, 40 * plant.substep
@@ -75,7 +75,7 @@ def test_the_published_points_of_rest() -> None:
 
 @pytest.mark.parametrize("name", ["mujoco_arm"])
 def test_the_arm_sticks_falls_and_hangs(name: str) -> None:
-    arm = GALLERY[name].plant()
+    arm = GALLERY[name].plant(0)
     stuck = [arm.step(arm.control_at_rest + 0.015, 0.005) for _ in range(200)]
     assert np.ptp(stuck) < 0.01  # dry friction of 0.02 N m
     for _ in range(1000):
@@ -85,7 +85,7 @@ def test_the_arm_sticks_falls_and_hangs(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["motor_speed"])
 def test_voltage_and_torque_of_the_motor_balance(name: str) -> None:
-    motor = GALLERY[name].plant()
+    motor = GALLERY[name].plant(0)
     for _ in range(400):
         motor.step(24.0, 0.0005)
     turns, current = motor.state

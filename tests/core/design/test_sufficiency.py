@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import dlsim
@@ -58,3 +60,25 @@ def test_a_slow_end_that_was_not_seen_asks_for_more() -> None:
 )
 def test_the_residence_time_is_the_delay_and_the_lags(text: str, crossover: float, seconds: float) -> None:
     assert residence_time(Process.parse(text), crossover) == pytest.approx(seconds, rel=0.03)
+
+
+def test_looks_at_noise_alone_are_in_vain_after_five() -> None:
+    rng = np.random.default_rng(1)
+    control = np.repeat(rng.integers(0, 2, 40), 10).astype(float)
+    noise = rng.standard_normal(control.size)
+    sufficiency, vain = Sufficiency("all", 1.0, 1.0), []
+    for ticks in range(60, 400, 60):
+        enough = sufficiency.look(Record(np.arange(float(ticks)), control[:ticks], noise[:ticks], control_before=0.0))
+        assert not enough
+        vain.append(sufficiency.is_vain)
+    assert vain == [False] * 4 + [True] * 2
+
+
+def test_one_process_seen_ends_what_was_in_vain() -> None:
+    sufficiency = Sufficiency("foptd", 0.01, 1.0)
+    nothing = replace(record(0.01, 80), measurement=np.random.default_rng(2).standard_normal(80))
+    for _ in range(5):
+        sufficiency.look(nothing)
+    assert sufficiency.is_vain
+    sufficiency.look(record(0.01, 120))
+    assert not sufficiency.is_vain

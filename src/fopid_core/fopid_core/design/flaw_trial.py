@@ -24,12 +24,12 @@ from fopid_core.runtime.plant import PlantSettings
 from fopid_core.runtime.settings import as_designed
 
 UNLIMITED = (-math.inf, math.inf)
-LOADS, WORSE = (2.0, 20.0), 1.05
-"""Steps of the load that are tried, in dead bands or frictions: one that is nearly swallowed, one that hardly is; and
-by how much more error than what runs new gains may leave."""
-MOVE_SHARE, WORSE_IN_LARGE = 0.1, 1.1
-"""With a slow actuator steps are tried that take this share of the control's range; and by how much more error than
-what runs new gains may leave then."""
+LOADS = (2.0, 20.0)
+"""Steps of the load that are tried, in dead bands or frictions: one that is nearly swallowed, one that hardly is."""
+MOVE_SHARE = 0.1
+"""With a slow actuator steps are tried that take this share of the control's range."""
+WORSE = 1.05
+"""By how much more error than what runs new gains may leave."""
 KICK_SHARE = 0.5
 """That of the setpoint is not answered with more than this share of it, at the crossover of what runs."""
 MOST_TICKS = 20_000
@@ -38,11 +38,10 @@ _SEED = 1
 
 @dataclass(frozen=True)
 class _Move:
-    """A step of the setpoint or of the load, and how much more error new gains may leave after it."""
+    """A step of the setpoint or of the load."""
 
     setpoint: float
     load: float
-    worse: float
     told: str
 
 
@@ -96,14 +95,14 @@ class FlawTrial:
         """Why gains may not be used; empty where they leave hardly more error than what runs."""
         for move, before in zip(self._moves, self._before, strict=True):
             error = self._error(loop, move)
-            if error > move.worse * before:
+            if error > WORSE * before:
                 return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""
 
     def _small_moves(self) -> list[_Move]:
         friction = self._flaws.friction
         size = friction.size if friction else float(self._flaws.dead_band)
-        return [_Move(0.0, times * size, WORSE, f"a load of {times:g} times that") for times in LOADS if size]
+        return [_Move(0.0, times * size, f"a load of {times:g} times that") for times in LOADS if size]
 
     def _large_moves(self, running: Loop) -> list[_Move]:
         wide = self._room[1] - self._room[0]
@@ -114,8 +113,8 @@ class FlawTrial:
         if math.isfinite(crossover) and (answer := abs(complex(running.controller(1j * crossover)))):
             setpoint = min(setpoint, KICK_SHARE * wide / answer)
         return [
-            _Move(setpoint, 0.0, WORSE_IN_LARGE, f"a setpoint step of {setpoint:.2g}"),
-            _Move(0.0, load, WORSE_IN_LARGE, f"a load of {load:.2g}"),
+            _Move(setpoint, 0.0, f"a setpoint step of {setpoint:.2g}"),
+            _Move(0.0, load, f"a load of {load:.2g}"),
         ]
 
     def _error(self, loop: Loop, move: _Move) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fopid_core.design.flaw_trial import FlawTrial
+from fopid_core.design.flaw_trial import MOVE_SHARE, FlawTrial
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.loop_judge import LoopJudge, RunningGains, loop_of
 from fopid_core.design.loop_worth import LoopWorth
@@ -62,6 +62,9 @@ SLOWED, MOST_SLOWED = (0.7, 0.5), 2
 """Where the record forbids all designs: so many of them, those that it forbids by least, are made so much slower."""
 SLOWER = (0.5, 0.25)
 """Shares of a crossover that are tried where noise moves the control too much."""
+WAITS = (0.25, 0.5, 1.0)
+"""Where no design is borne by an actuator that is slow: shares of what it takes for a large move that designs count as
+delay, of which the best is taken. A ramp is a step behind half of it."""
 _UNSTABLE = 1e3
 """A process that a design does not hold is further from what must hold than any max |S|."""
 _POINTS, _DECADES = 600, (-7.0, 7.0)
@@ -132,6 +135,9 @@ def improve(
 ) -> Improvement:
     """The best design on a learnt process, if it beats the gains that run.
 
+    Behind an actuator that is slow, where there is none, the best of those for a process that is later by what it takes
+    for a large move.
+
     Parameters
     ----------
     identified : IdentificationResult
@@ -156,6 +162,32 @@ def improve(
     """
     if not identified.success or identified.best is None:
         return Improvement(False, identified.message, tune_robustly(identified, request, limits, clock))
+
+    def found(learnt: IdentificationResult) -> Improvement:
+        return _improve(learnt, request, limits, running, compare, refuse, clock, every, only, tell)
+
+    improved = found(identified)
+    low, high = running.control_room
+    large = MOVE_SHARE * (high - low) / identified.flaws.rate
+    if improved.success or only is not None or not 0.0 < large < math.inf:
+        return improved
+    return min((improved, *(found(replace(identified, wait=share * large)) for share in WAITS)), key=_left)
+
+
+def _left(improved: Improvement) -> float:
+    """By how much gains err on the learnt process, a load counting twice; infinite where there are none."""
+    worth = improved.candidates[0].worth if improved.success else None
+    return worth.setpoint * worth.load**2 if worth else math.inf
+
+
+def _improve(
+    identified: IdentificationResult, request: TuningRequest, limits: RobustLimits, running: RunningGains,
+    compare: bool, refuse: Callable[[TuningResult], str], clock: Clock, every: bool, only: TuningResult | None,
+    tell: Callable[[str], object],
+) -> Improvement:  # fmt: skip
+    """The same of the process as it was learnt."""
+    if identified.best is None:
+        raise InputError("identification without a model; allowed: one that succeeded")
     judge = LoopJudge(identified.best.process, request.sample_time, running, limits.ms_max)
     trial = _Trial(identified, limits, _and_its_flaws(refuse, identified, judge), clock, judge, tell, [])
     compare, every = compare and only is None, every and only is None

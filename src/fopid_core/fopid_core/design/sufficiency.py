@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fopid_core.design.identification.identify import identify
+from fopid_core.design.identification.identify import behind_slow_actuator, identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.robust_verification import RobustLimits, plausible_processes
 from fopid_core.model.arrays import Floats
@@ -23,6 +23,9 @@ LOWEST, PLACES = 0.1, 11
 """Frequencies at which processes are compared: from so many crossovers to one, and how many."""
 RESIDENCES = 3.0
 """Length of the record in average residence times of the process: 95 % of a lag's answer."""
+CLOSER, IN_VAIN = 2, 5
+"""After so many looks in a row that showed no process, all that follow look for dry friction and for processes that run
+away as well, which takes longer; and after so many no more is expected of moves as small as these."""
 
 
 class Sufficiency:
@@ -59,15 +62,26 @@ class Sufficiency:
         self._template, self._noise, self._hold = template, noise, hold
         self._limits = RobustLimits()
         self._before: Process | None = None
+        self._failed, self._closely = 0, False
         self.missing = "no look yet"
+
+    @property
+    def is_vain(self) -> bool:
+        """Whether so many looks in a row have shown no process that no more is expected."""
+        return self._failed >= IN_VAIN
 
     def look(self, record: Record) -> bool:
         """Whether the record says enough; each look is at a longer one than the look before."""
-        found = identify(record, self._template, noise=self._noise, unstable=False)
+        self._closely = self._closely or self._failed >= CLOSER
+        found = identify(record, self._template, noise=self._noise, unstable=self._closely)
         before, self._before = self._before, None
+        self._failed += 1
+        if found.success and found.best is not None and not found.best.whiteness.white:
+            found = behind_slow_actuator(record, found, self._template, self._noise) or found
         if not found.success or found.best is None:
             self.missing = found.message
             return False
+        self._failed = 0
         process = self._before = found.best.process
         frequencies = found.best.crossover * np.geomspace(LOWEST, 1.0, PLACES)
         held, *others = plausible_processes(found, self._limits, self._hold)

@@ -98,6 +98,15 @@ class IdentificationResult:
         """
         return self.best.flaws if self.best else Flaws()
 
+    def with_limit(self, rate: float) -> IdentificationResult:
+        """The same, behind an actuator that is known to move so fast at most [1/s]."""
+
+        def behind(model: IdentifiedModel) -> IdentifiedModel:
+            return replace(model, flaws=replace(model.flaws, rate=rate))
+
+        best = behind(self.best) if self.best else None
+        return replace(self, models=tuple(behind(model) for model in self.models), best=best)
+
     def behind_actuator(self, record: Record) -> Record:
         """A record as the linear process saw it: what actuator and friction left of its control."""
         return self.flaws.of_record(record) if self.flaws.come_before else record

@@ -20,7 +20,7 @@ from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import RecordResponse
 from fopid_core.model.arrays import Floats
 
-RATES, NEARER = 24, np.geomspace(0.75, 1.33, 9)
+RATES, NEARER = 14, np.geomspace(0.6, 1.6, 13)
 """So many are tried first, from what takes a tick for all that the control moved to what takes a quarter of the record;
 and what lies about the best of those."""
 SPEAKS = 8.0
@@ -51,18 +51,17 @@ def rate_limit_of(record: Record, learnt: IdentifiedModel) -> Flaws | None:
     rates = moved / np.geomspace(record.sample_time, 0.25 * record.span, RATES)
     tried = _behind(record, learnt, np.append(rates, math.inf))
     best = min(tried, key=lambda rate: tried[rate].error)
-    if math.isinf(best) or best == min(tried):
+    if _lost(tried, math.inf) < SPEAKS or best == min(tried):
         return None
     tried |= _behind(record, learnt, best * NEARER)
-    best = min(tried, key=lambda rate: tried[rate].error)
-    independent = tried[best].residual.size / correlation_time(tried[best].residual)
-    lost = {
-        rate: 2.0 * independent * math.log(found.error / max(tried[best].error, 1e-300))
-        for rate, found in tried.items()
-    }
-    if lost[math.inf] < SPEAKS:
-        return None
-    return replace(learnt.flaws, rate=min(rate for rate in lost if lost[rate] <= POSSIBLE))
+    return replace(learnt.flaws, rate=min(rate for rate in tried if _lost(tried, rate) <= POSSIBLE))
+
+
+def _lost(tried: dict[float, Fit], rate: float) -> float:
+    """Twice the logarithm of the likelihood of a limit, less than that of the best."""
+    best = min(tried.values(), key=lambda found: found.error)
+    independent = best.residual.size / correlation_time(best.residual)
+    return 2.0 * independent * math.log(tried[rate].error / max(best.error, 1e-300))
 
 
 def _behind(record: Record, learnt: IdentifiedModel, rates: Floats) -> dict[float, Fit]:

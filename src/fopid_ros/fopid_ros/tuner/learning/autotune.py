@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
-from fopid_core.design.flaw_trial import MOVE_SHARE, FlawTrial
+from fopid_core.design.flaw_trial import FlawTrial
+from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identify import IdentificationResult, behind_slow_actuator, identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.response_verification import contradicts_rest
@@ -46,9 +47,6 @@ NO_TIME = "gains are to be had that hold the setpoint better, for which no time 
 """What is said instead of a second round."""
 SLOWER = (0.7, 0.5, 0.35)
 """How much slower gains that the loop did not bear are tried again, in turn."""
-WAITS = (0.25, 0.5, 1.0)
-"""Before that, where the actuator is slow: shares of what it takes for a large move that designs count as delay, of
-which the best is tried. A ramp is a step behind half of it."""
 
 
 @dataclass(frozen=True)
@@ -216,10 +214,15 @@ class Autotuner:
 
     def _make_round(self, began: float) -> Outcome:
         """Excite, learn from all that was heard since ``began``, and apply what is better than what runs."""
-        outcome = Outcome()
-        sufficiency = Sufficiency(self._request.template, self._experiment.loop.unrest, self._controller.sample_time)
+        outcome, sufficiency = Outcome(), self._sufficiency()
+
+        def is_over() -> bool:
+            """Whether enough is known, or nothing will be in moves that are as small as these, and may be larger."""
+            enough = sufficiency.look(self._behind_actuator(self._tap.history.record(began)))
+            return enough or (sufficiency.is_vain and self._experiment.may_widen)
+
         for _ in range(EXPERIMENTS):
-            ended = self._experiment.excite(lambda since=began: sufficiency.look(self._tap.history.record(since)))
+            ended = self._experiment.excite(is_over)
             if ended:
                 return Outcome(message=f"the experiment was stopped, nothing was changed: {ended}")
             outcome = self._learn(began)
@@ -228,11 +231,14 @@ class Autotuner:
             nothing_was_learnt = outcome.tuned is None
             # What hid the process in smaller moves would do so again: it is learnt from alone.
             if nothing_was_learnt and self._experiment.widen():
-                began = self._tap.history.newest_time("control")
+                began, sufficiency = self._tap.history.newest_time("control"), self._sufficiency()
         if not outcome.success or self._request.propose_only:
             return outcome
         self._experiment.settle("applying", 0.72)
         return self._gain_update.apply_and_monitor(outcome, *self._what_is_borne())
+
+    def _sufficiency(self) -> Sufficiency:
+        return Sufficiency(self._request.template, self._experiment.loop.unrest, self._controller.sample_time)
 
     def _once_more(self, first: Outcome, began: float) -> Outcome:
         """A second round; where it comes to nothing, what the first came to stays, if the loop bears to be moved."""
@@ -334,19 +340,26 @@ class Autotuner:
         if self._learnt is None:
             return
         learnt, record = self._learnt
-        large = MOVE_SHARE * self._rest.controller.control_range / learnt.flaws.rate
-        if 0.0 < large < math.inf:
-            late = [replace(learnt, wait=share * large) for share in WAITS]
-            yield "for that actuator, others than those", partial(self._best_designed, update, late, record)
+        if math.isfinite(self._rate):
+            yield "for that actuator, others than those", partial(self._designed, update, learnt, record)
         for share in SLOWER:
             slower = partial(self._designed, update, learnt, record, slower=(design, share))
             yield f"{share:g} times as fast as those", slower
+
+    @property
+    def _rate(self) -> float:
+        """How fast the actuator moves at most, for all that is known; infinite where nothing speaks for a limit."""
+        return self._learnt[0].flaws.rate if self._learnt else math.inf
+
+    def _behind_actuator(self, record: Record) -> Record:
+        return Flaws(rate=self._rate).of_record(record) if math.isfinite(self._rate) else record
 
     def _learn(self, began: float) -> Outcome:
         """A model of all that was heard since ``began``, and gains for it."""
         self._wait.report(Stage("identifying", 0.6))
         self._learnt_since, record = began, self._tap.history.record(began)
-        found = identify(record, self._request.template, noise=self._experiment.loop.unrest)
+        seen, known = self._behind_actuator(record), self._rate
+        found = identify(seen, self._request.template, noise=self._experiment.loop.unrest).with_limit(known)
         if not found.success or found.best is None:
             told = f"nothing was changed: {found.message} ({self._experiment.made})"
             return Outcome(message=told, model=found.best, models=found.models)
@@ -355,8 +368,9 @@ class Autotuner:
         if wrong:
             told = f"nothing was changed: {wrong}; record longer or with larger moves of the control"
             return Outcome(message=told, model=found.best, models=found.models)
-        self._learnt = found, record
-        return self._designed(self._gain_update, found, record)
+        learnt = behind_slow_actuator(record, found, self._request.template, self._experiment.loop.unrest) or found
+        self._learnt = learnt, record
+        return self._designed(self._gain_update, learnt, record)
 
     def _designed(
         self, update: GainUpdate, found: IdentificationResult, record: Record,
@@ -374,15 +388,6 @@ class Autotuner:
             record=record,
             slower=slower,
         )
-
-    def _best_designed(self, update: GainUpdate, found: Sequence[IdentificationResult], record: Record) -> Outcome:
-        """The gains that leave least of several designs for the same process."""
-
-        def left(outcome: Outcome) -> float:
-            worth = outcome.candidates[0].worth if outcome.success else None
-            return worth.setpoint * worth.load**2 if worth else math.inf
-
-        return min((self._designed(update, each, record) for each in found), key=left)
 
     def _try_out(self, trial: Trial) -> Outcome:
         asked = Outcome(success=True, message=f"{trial.design.gains} as asked")

@@ -298,10 +298,17 @@ class ClosedLoopExperiment:
         bool
             Whether it may go further than the one before.
         """
-        if self._widened or self._wanted.deviation_max or self._wanted.amplitude or self._before.moved:
+        if not self.may_widen:
             return False
-        self._widened = True
-        return self.loop.allow_a_bump()
+        self._widened = self._first = True  # what it shows is looked at anew
+        self.loop.allow_a_bump()
+        return True
+
+    @property
+    def may_widen(self) -> bool:
+        """Whether nobody has said how far it may go, people go further, and it has not been widened."""
+        asked = self._wanted.deviation_max or self._wanted.amplitude or self._before.moved
+        return not (self._widened or asked) and self.loop.bump > self.loop.deviation_max
 
     def comes_back(self) -> bool:
         """Wait whether a loop that was taken to its bounds comes back from there, without going much further out."""

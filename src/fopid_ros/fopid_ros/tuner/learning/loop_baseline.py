@@ -116,12 +116,14 @@ class LoopBaseline:
         reach = controller.control_range / abs(controller.gains.kp) if controller.gains.kp else math.inf
         return reach if math.isfinite(reach) else 0.0
 
-    def allow_a_bump(self) -> bool:
-        """Allow the deviation that people bump a loop by, where that is more; whether it is."""
-        bump = min(BUMP_SHARE * self._reach, MOST_WIDER * self.deviation_max)
-        wider = bump > self.deviation_max
-        self.deviation_max = max(bump, self.deviation_max)
-        return wider
+    @property
+    def bump(self) -> float:
+        """The deviation that people bump a loop by, but not far more than what is allowed."""
+        return min(BUMP_SHARE * self._reach, MOST_WIDER * self.deviation_max)
+
+    def allow_a_bump(self) -> None:
+        """Allow that deviation, where it is more."""
+        self.deviation_max = max(self.bump, self.deviation_max)
 
     def _chosen_deviation(self, travel: float) -> float:
         """From what the signals do, never from how far they are from 0."""
