@@ -75,7 +75,7 @@ class FlawTrial:
     'the actuator has play within 0.1: after a load of 2 times that 2 times the error of what runs is left'
     >>> process, slow = Process.parse("1/((7s+1)(0.3s+1))"), Flaws(rate=7.0)
     >>> trial = FlawTrial(process, slow, 0.1, 0.0, Loop(process, Fopid(kp=4.0, ki=0.6)), (-50.0, 50.0))
-    >>> trial.refusal(Loop(process, Fopid(kp=5.0, ki=0.8)))
+    >>> trial.refusal(Loop(process, Fopid(kp=4.5, ki=0.7)))
     ''
     >>> trial.refusal(Loop(process, Fopid(kp=17.0, ki=15.0, kd=1.5)))
     'the actuator moves by 7 a second: after a setpoint step of 9.2 9 times the error of what runs is left'
