@@ -21,7 +21,7 @@ from fopid_core.design.identification.friction import friction_of
 from fopid_core.design.identification.identified_model import IdentifiedModel, judged
 from fopid_core.design.identification.initial_estimates import initial_conditions, initial_parameters, rough_fit
 from fopid_core.design.identification.quality import fit_pct
-from fopid_core.design.identification.rate_limit import rate_limit_of
+from fopid_core.design.identification.rate_limit import SPEAKS, rate_limit_of
 from fopid_core.design.identification.record import Record, validation_samples
 from fopid_core.design.identification.refusal import (
     LEAST_FIT,
@@ -266,7 +266,7 @@ class _Search:
 
 
 def behind_slow_actuator(
-    record: Record, learnt: IdentificationResult, template: str = "all", noise: float = 0.0
+    record: Record, learnt: IdentificationResult, template: str = "all", noise: float = 0.0, speaks: float = SPEAKS
 ) -> IdentificationResult | None:
     """What was learnt, behind a limit on the actuator's moves; None where a record does not speak for one.
 
@@ -278,9 +278,11 @@ def behind_slow_actuator(
         From it, or from smaller moves.
     template, noise
         As for `identify`.
+    speaks : float
+        As for `rate_limit_of`.
     """
     begun, best = time.perf_counter(), learnt.best
-    flaws = rate_limit_of(record, best) if best is not None else None
+    flaws = rate_limit_of(record, best, speaks) if best is not None else None
     if best is None or flaws is None:
         return None
     seen = Flaws(rate=flaws.rate).of_record(record)

@@ -22,18 +22,19 @@ from fopid_core.model.arrays import Floats
 
 RATES, NEARER = 14, np.geomspace(0.6, 1.6, 13)
 """So many are tried first, from what takes a tick for all that the control moved to what takes a quarter of the record;
-and what lies about the best of those."""
+and what lies about the best of those, and about the slowest that is possible."""
 SPEAKS = 8.0
 """Twice the logarithm of the likelihood grows by so much with a limit: by chance hardly ever, over all that are tried,
 and what is found by chance is no slower than the record allows."""
-POSSIBLE = 4.0
-"""What loses less of that than this is as good."""
+POSSIBLE, EXCLUDED = 4.0, 15.0
+"""What loses less of that is as good; and what loses more is not so. A record that does not exclude even the slowest
+that is tried knows nothing of actuators."""
 SHORTER = (1.0, 0.2)
 """A delay learnt without a limit holds what a slow actuator takes: fits begin with it, and with that share of it."""
 _CELLS, _EVALUATIONS, _TOLERANCE = 2048, 12, 1e-4
 
 
-def rate_limit_of(record: Record, learnt: IdentifiedModel) -> Flaws | None:
+def rate_limit_of(record: Record, learnt: IdentifiedModel, speaks: float = SPEAKS) -> Flaws | None:
     """The limit that explains what a model leaves, beside what was learnt; None where nothing speaks for one.
 
     It is the smallest that explains that about as well as the best, which is the safe side.
@@ -44,17 +45,26 @@ def rate_limit_of(record: Record, learnt: IdentifiedModel) -> Flaws | None:
         With moves as large as may be.
     learnt : IdentifiedModel
         From it, or from smaller moves, as if the actuator were as fast as one likes.
+    speaks : float
+        How clearly a record must speak for a limit, in twice the logarithm of the likelihood; with 0 the smallest is
+        told that it leaves possible.
     """
     moved = float(np.ptp(record.control))
     if not moved or learnt.structure.runs_away:
         return None
     rates = moved / np.geomspace(record.sample_time, 0.25 * record.span, RATES)
     tried = _behind(record, learnt, np.append(rates, math.inf))
-    best = min(tried, key=lambda rate: tried[rate].error)
-    if _lost(tried, math.inf) < SPEAKS or best == min(tried):
+    if _lost(tried, math.inf) < speaks or _lost(tried, min(tried)) <= EXCLUDED:
         return None
-    tried |= _behind(record, learnt, best * NEARER)
-    return replace(learnt.flaws, rate=min(rate for rate in tried if _lost(tried, rate) <= POSSIBLE))
+    best = min(tried, key=lambda rate: tried[rate].error)
+    nearer = {float(rate) for about in {best, _slowest(tried)} - {math.inf} for rate in about * NEARER}
+    tried |= _behind(record, learnt, np.array(sorted(nearer)))
+    slowest = _slowest(tried)
+    return replace(learnt.flaws, rate=slowest) if math.isfinite(slowest) else None
+
+
+def _slowest(tried: dict[float, Fit]) -> float:
+    return min(rate for rate in tried if _lost(tried, rate) <= POSSIBLE)
 
 
 def _lost(tried: dict[float, Fit], rate: float) -> float:

@@ -289,13 +289,13 @@ class Autotuner:
         return self._taken_back(outcome, update, against) if against else outcome
 
     def _in_large_moves(self, outcome: Outcome) -> str:
-        """What speaks against new gains where all that was heard says that the actuator is slow."""
+        """What speaks against new gains where the actuator is as slow as all that was heard leaves possible."""
         now, rest = self._rest.controller, self._rest
         tuning = outcome.tuned.tuning if outcome.tuned else None
         if self._learnt is None or tuning is None or tuning.controller is None or not math.isfinite(now.control_range):
             return ""
         record = self._tap.history.record(self._learnt_since)
-        slow = behind_slow_actuator(record, self._learnt[0], self._request.template, rest.unrest)
+        slow = behind_slow_actuator(record, self._learnt[0], self._request.template, rest.unrest, speaks=0.0)
         if slow is None or slow.best is None:
             return ""
         self._learnt = slow, record
