@@ -23,9 +23,9 @@ from fopid_core.model.arrays import Floats
 RATES, NEARER = 14, np.geomspace(0.6, 1.6, 13)
 """So many are tried first, from what takes a tick for all that the control moved to what takes a quarter of the record;
 and what lies about the best of those, and about the slowest that is possible."""
-SPEAKS = 8.0
-"""Twice the logarithm of the likelihood grows by so much with a limit: by chance hardly ever, over all that are tried,
-and what is found by chance is no slower than the record allows."""
+SPEAKS = 20.0
+"""Twice the logarithm of the likelihood grows by so much with a limit: by chance never, over all that are tried; but
+stiction and play together may look a little like one."""
 POSSIBLE, EXCLUDED = 4.0, 15.0
 """What loses less of that is as good; and what loses more is not so. A record that does not exclude even the slowest
 that is tried knows nothing of actuators."""

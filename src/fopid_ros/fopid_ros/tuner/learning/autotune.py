@@ -45,6 +45,8 @@ MORE_MOVEMENT = 1.7
 """What such a loop may aim at of the control's movement from noise, in what was aimed at before."""
 NO_TIME = "gains are to be had that hold the setpoint better, for which no time was left: autotune once more"
 """What is said instead of a second round."""
+RESTS = 4
+"""How often rest is waited for after gains that the loop did not bear, each time for a length of the experiment."""
 SLOWER = (0.7, 0.5, 0.35)
 """How much slower gains that the loop did not bear are tried again, in turn."""
 
@@ -323,7 +325,7 @@ class Autotuner:
             try:
                 running = LoopBaseline(read_running_controller(self._client))
                 self._experiment = ClosedLoopExperiment(self._tap, self._wait, running, self._request.experiment, reach)
-                self._experiment.measure()
+                self._come_to_rest()
                 outcome = design()
                 if outcome.success:
                     outcome = update.apply_and_monitor(outcome, *self._what_is_borne())
@@ -334,6 +336,15 @@ class Autotuner:
             if outcome.applied:
                 return replace(outcome, message=f"{outcome.message}; {said} that came first: {failed.message}")
         return replace(failed, message=f"{failed.message}; others did not do either: {outcome.message}")
+
+    def _come_to_rest(self) -> None:
+        """Wait for it longer than usual, since other gains have moved the loop, and these may be slow."""
+        for _ in range(RESTS - 1):
+            try:
+                return self._experiment.measure()
+            except RestlessError:
+                continue
+        return self._experiment.measure()
 
     def _others(self, update: GainUpdate, design: TuningResult) -> Iterator[tuple[str, Callable[[], Outcome]]]:
         """What else is tried: how it is called, and how it is made."""
