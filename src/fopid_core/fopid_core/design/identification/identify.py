@@ -7,6 +7,7 @@ closed loop as well.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +22,7 @@ from fopid_core.design.identification.friction import friction_of
 from fopid_core.design.identification.identified_model import IdentifiedModel, judged
 from fopid_core.design.identification.initial_estimates import initial_conditions, initial_parameters, rough_fit
 from fopid_core.design.identification.quality import fit_pct
-from fopid_core.design.identification.rate_limit import SPEAKS, rate_limit_of
+from fopid_core.design.identification.rate_limit import PROOF, SPEAKS, gained, rate_limit_of
 from fopid_core.design.identification.record import Record, validation_samples
 from fopid_core.design.identification.refusal import (
     LEAST_FIT,
@@ -266,7 +267,7 @@ class _Search:
 
 
 def behind_slow_actuator(
-    record: Record, learnt: IdentificationResult, template: str = "all", noise: float = 0.0, speaks: float = SPEAKS
+    record: Record, learnt: IdentificationResult, template: str = "all", noise: float = 0.0, *, possible: bool = False
 ) -> IdentificationResult | None:
     """What was learnt, behind a limit on the actuator's moves; None where a record does not speak for one.
 
@@ -275,18 +276,21 @@ def behind_slow_actuator(
     record : Record
         With moves as large as may be.
     learnt : IdentificationResult
-        From it, or from smaller moves.
+        From it; where it is ``possible`` that counts, perhaps from smaller moves.
     template, noise
         As for `identify`.
-    speaks : float
-        As for `rate_limit_of`.
+    possible : bool
+        Whether the smallest limit is wanted that the record leaves possible, though it may not speak for any.
     """
     begun, best = time.perf_counter(), learnt.best
-    flaws = rate_limit_of(record, best, speaks) if best is not None else None
+    flaws = rate_limit_of(record, best, 0.0 if possible else SPEAKS) if best is not None else None
     if best is None or flaws is None:
         return None
     seen = Flaws(rate=flaws.rate).of_record(record)
     found = _search(template, noise).of(seen, rough_fit(seen, _ROUGH, loads=True))
+    is_new = math.isinf(learnt.flaws.rate)
+    if not possible and (found.refusal or (is_new and gained(best.fitted, found.best.fitted) < PROOF)):
+        return None
     if found.refusal:
         return replace(learnt, best=replace(best, flaws=flaws))
     found = found.behind(replace(found.best.flaws, rate=flaws.rate))

@@ -23,9 +23,10 @@ from fopid_core.model.arrays import Floats
 RATES, NEARER = 14, np.geomspace(0.6, 1.6, 13)
 """So many are tried first, from what takes a tick for all that the control moved to what takes a quarter of the record;
 and what lies about the best of those, and about the slowest that is possible."""
-SPEAKS = 20.0
-"""Twice the logarithm of the likelihood grows by so much with a limit: by chance never, over all that are tried; but
-stiction and play together may look a little like one."""
+SPEAKS, PROOF = 8.0, 20.0
+"""Twice the logarithm of the likelihood grows by so much with a limit where one is looked into, and by so much in the
+end, with all that is learnt anew behind it, where it is believed: by chance never, over all that are tried. Stiction
+and play together look a little like one."""
 POSSIBLE, EXCLUDED = 4.0, 15.0
 """What loses less of that is as good; and what loses more is not so. A record that does not exclude even the slowest
 that is tried knows nothing of actuators."""
@@ -63,15 +64,19 @@ def rate_limit_of(record: Record, learnt: IdentifiedModel, speaks: float = SPEAK
     return replace(learnt.flaws, rate=slowest) if math.isfinite(slowest) else None
 
 
+def gained(before: Fit, after: Fit) -> float:
+    """By how much twice the logarithm of the likelihood has grown from one fit of a record to another."""
+    independent = after.residual.size / correlation_time(after.residual)
+    return 2.0 * independent * math.log(max(before.error, 1e-300) / max(after.error, 1e-300))
+
+
 def _slowest(tried: dict[float, Fit]) -> float:
     return min(rate for rate in tried if _lost(tried, rate) <= POSSIBLE)
 
 
 def _lost(tried: dict[float, Fit], rate: float) -> float:
     """Twice the logarithm of the likelihood of a limit, less than that of the best."""
-    best = min(tried.values(), key=lambda found: found.error)
-    independent = best.residual.size / correlation_time(best.residual)
-    return 2.0 * independent * math.log(tried[rate].error / max(best.error, 1e-300))
+    return gained(tried[rate], min(tried.values(), key=lambda found: found.error))
 
 
 def _behind(record: Record, learnt: IdentifiedModel, rates: Floats) -> dict[float, Fit]:

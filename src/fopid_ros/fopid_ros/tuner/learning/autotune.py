@@ -297,7 +297,7 @@ class Autotuner:
         if self._learnt is None or tuning is None or tuning.controller is None or not math.isfinite(now.control_range):
             return ""
         record = self._tap.history.record(self._learnt_since)
-        slow = behind_slow_actuator(record, self._learnt[0], self._request.template, rest.unrest, speaks=0.0)
+        slow = behind_slow_actuator(record, self._learnt[0], self._request.template, rest.unrest, possible=True)
         if slow is None or slow.best is None:
             return ""
         self._learnt = slow, record
