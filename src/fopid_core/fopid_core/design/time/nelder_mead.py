@@ -24,6 +24,11 @@ class _TimeIsOverError(Exception):
     """Ends a search from within the function it minimises."""
 
 
+def kept_first(descent: Descent) -> tuple[bool, float]:
+    """The order of what simplices end with: a simplex does not come back over a bound that it is beyond by a hair."""
+    return descent.slack < 0.0, descent.merit
+
+
 def simplex_search(problem: TimeProblem, start: Descent, expired: Callable[[], bool]) -> Descent:
     """The best point that simplices of different shape reach, each from the best so far."""
     free, box = problem.free, problem.box
@@ -60,7 +65,7 @@ def simplex_search(problem: TimeProblem, start: Descent, expired: Callable[[], b
                 method="Nelder-Mead",
                 options={"initial_simplex": simplex, "maxfev": 300, "xatol": 1e-5, "fatol": 1e-6 * start.cost},
             ).x
-            best = min(best, descent_at(x), key=lambda descent: descent.merit)
+            best = min(best, descent_at(x), key=kept_first)
     except _TimeIsOverError:
         pass
     return best

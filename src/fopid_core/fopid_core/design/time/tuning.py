@@ -19,7 +19,7 @@ from fopid_core.design.specification import Bounds, Expired, Progress, no_progre
 from fopid_core.design.time.bands import around
 from fopid_core.design.time.evolution import evolved
 from fopid_core.design.time.gauss_newton import Descent, begin, descend, fresh
-from fopid_core.design.time.nelder_mead import simplex_search
+from fopid_core.design.time.nelder_mead import kept_first, simplex_search
 from fopid_core.design.time.problem import TimeProblem
 from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.starts import Starts, starts, with_idle_orders
@@ -287,13 +287,16 @@ class _Search:
             return []
         ended = begun if stochastic else self._ended(problem, begun, followed if polish_only else 0)
         self.evaluations += problem.evaluations
-        ended = sorted([*ended, *begun], key=_merit)
+        ended = sorted([*ended, *begun], key=kept_first if self._by_simplex else _merit)
         stable = problem.stable(np.array([descent.gains for descent in ended]))
         return _different([descent for descent, holds in zip(ended, stable, strict=True) if holds])
 
     def _ended(self, problem: TimeProblem, begun: list[Descent], polished: int) -> list[Descent]:
-        by_simplex = self.solver == "nelder-mead" or not self.specification.objective.is_integral
-        return self._simplex(problem, begun) if by_simplex else self._descend(problem, begun, polished)
+        return self._simplex(problem, begun) if self._by_simplex else self._descend(problem, begun, polished)
+
+    @property
+    def _by_simplex(self) -> bool:
+        return self.solver == "nelder-mead" or not self.specification.objective.is_integral
 
     def _simpler_optima(self, problem: TimeProblem, others: Starts) -> list[Descent]:
         """The best controllers of each simpler structure, as starts for the whole problem."""
