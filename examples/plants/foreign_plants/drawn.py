@@ -1,7 +1,7 @@
 """Plants that nobody chose: drawn by chance, each by its number, with the gains of somebody who was careful.
 
-Of six kinds, half a second to a minute slow, behind actuators that may stick, have play or take up to half a minute of
-the plant's time for their stroke, read by sensors with noise and steps.
+Of six kinds, a third of a second to 50 s slow, behind actuators that may stick, have play or take up to 16 lags for
+their stroke, read by sensors with noise and steps.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class Drawn(Plant):
     def __init__(self, traits: Traits, seed: int = 0) -> None:
         self.traits = traits
         self.substep = min(traits.sample_time, traits.lag / 40.0)
-        self._line = deque([0.0] * (max(1, round(traits.delay / self.substep)) if traits.kind == "delay" else 1))
+        self._line = deque([0.0] * max(1, round(traits.delay / self.substep)))
         super().__init__(seed)
 
     def make_actuator(self) -> Actuator:
@@ -127,9 +127,11 @@ class Drawn(Plant):
     def input(self, felt: float, dt: float) -> float:
         del dt
         away = felt + self.load - REST
-        self._line.append(away * (1.0 + self.traits.curve * away / WIDE))
-        late = self._line.popleft()
-        return late if self.traits.kind == "delay" else self._line[-1]
+        bent = away * (1.0 + self.traits.curve * away / WIDE)
+        if self.traits.kind != "delay":
+            return bent
+        self._line.append(bent)
+        return self._line.popleft()
 
     def slopes(self, x: State, u: float) -> State:
         one, (first, second, third) = self.traits, x

@@ -78,7 +78,7 @@ class FlawTrial:
     >>> trial.refusal(Loop(process, Fopid(kp=4.5, ki=0.7)))
     ''
     >>> trial.refusal(Loop(process, Fopid(kp=17.0, ki=15.0, kd=1.5)))
-    'the actuator moves by 7 a second: after a setpoint step of 9.2 9 times the error of what runs is left'
+    'the actuator may be as slow as 7 a second: after a setpoint step of 9.2 9 times the error of what runs is left'
     """
 
     def __init__(
@@ -95,6 +95,8 @@ class FlawTrial:
         """Why gains may not be used; empty where they leave hardly more error than what runs."""
         for move, before in zip(self._moves, self._before, strict=True):
             error = self._error(loop, move)
+            if math.isinf(error):
+                return f"{self._flaws}: after {move.told} the loop runs away"
             if error > WORSE * before:
                 return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""

@@ -128,8 +128,10 @@ class Flaws:
     def of_record(self, record: Record) -> Record:
         """The record as the linear part sees it; of one process."""
         before = None if record.control_before is None else float(np.clip(record.control_before, self.low, self.high))
-        limited = slewed(record.time, record.control, np.array([self.rate]))[0]
-        seen = replace(record, control=self.felt(limited)[0], measurement=self.straight(record.measurement),
+        control = record.control
+        if math.isfinite(self.rate):
+            control = slewed(record.time, control, np.array([self.rate]))[0]
+        seen = replace(record, control=self.felt(control)[0], measurement=self.straight(record.measurement),
                        control_before=before)  # fmt: skip
         return replace(seen, control=self.friction.felt(seen)) if self.friction else seen
 
@@ -138,7 +140,7 @@ class Flaws:
         if self.dead_band:
             told.append(f"the actuator {'sticks' if self.slip else 'has play'} within {self.dead_band:.3g}")
         if math.isfinite(self.rate):
-            told.append(f"the actuator moves by {self.rate:.3g} a second")
+            told.append(f"the actuator may be as slow as {self.rate:.3g} a second")
         told += [f"the control is felt {side} {at:.4g} only" for side, at in (("above", self.low), ("below", self.high))
                  if math.isfinite(at)]  # fmt: skip
         if self.bend:

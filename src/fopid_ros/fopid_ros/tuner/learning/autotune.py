@@ -152,7 +152,7 @@ class Autotuner:
         watching = "watching: for ten response times; the gains from before come back if the loop gets worse"
         proving = (
             "proving: moved once more as far as that, then up to half of what is allowed; the gains from before come "
-            "back if it swings on or hunts, or would in larger moves, by an actuator that is seen to be slow"
+            "back if it swings on or hunts, or would in larger moves, by an actuator as slow as it may be"
         )
         lines += ["applying: without a bump, on trial", watching, proving]
         if self._has_a_second_round:
@@ -350,16 +350,15 @@ class Autotuner:
         """What else is tried: how it is called, and how it is made."""
         if self._learnt is None:
             return
-        learnt, record = self._learnt
         if math.isfinite(self._rate):
-            yield "for that actuator, others than those", partial(self._designed, update, learnt, record)
+            yield "for that actuator, others than those", partial(self._designed, update, *self._learnt)
         for share in SLOWER:
-            slower = partial(self._designed, update, learnt, record, slower=(design, share))
+            slower = partial(self._designed, update, *self._learnt, slower=(design, share))
             yield f"{share:g} times as fast as those", slower
 
     @property
     def _rate(self) -> float:
-        """How fast the actuator moves at most, for all that is known; infinite where nothing speaks for a limit."""
+        """How slow the actuator may be, for all that is known; infinite where nothing speaks for a limit."""
         return self._learnt[0].flaws.rate if self._learnt else math.inf
 
     def _behind_actuator(self, record: Record) -> Record:
@@ -368,7 +367,7 @@ class Autotuner:
     def _learn(self, began: float) -> Outcome:
         """A model of all that was heard since ``began``, and gains for it."""
         self._wait.report(Stage("identifying", 0.6))
-        self._learnt_since, record = began, self._tap.history.record(began)
+        record = self._tap.history.record(began)
         seen, known = self._behind_actuator(record), self._rate
         found = identify(seen, self._request.template, noise=self._experiment.loop.unrest).with_limit(known)
         if not found.success or found.best is None:
@@ -380,7 +379,7 @@ class Autotuner:
             told = f"nothing was changed: {wrong}; record longer or with larger moves of the control"
             return Outcome(message=told, model=found.best, models=found.models)
         learnt = behind_slow_actuator(record, found, self._request.template, self._experiment.loop.unrest) or found
-        self._learnt = learnt, record
+        self._learnt, self._learnt_since = (learnt, record), began
         return self._designed(self._gain_update, learnt, record)
 
     def _designed(
