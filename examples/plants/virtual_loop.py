@@ -16,6 +16,7 @@ from foreign_plants.gallery import Exhibit
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.controller import ControllerSettings, FopidController
+from fopid_core.runtime.settings import Pace
 from fopid_ros.tuner.controller_client import RunningDesign
 from fopid_ros.tuner.learning.history import EXCITATION, SIGNALS, History
 from fopid_ros.tuner.learning.loop_tap import Tick
@@ -23,6 +24,7 @@ from fopid_ros.tuner.learning.loop_wait import Stage
 
 TUNED = (
     "gains", "measurement_filter_order", "measurement_filter_time", "setpoint_weight", "derivative_setpoint_weight",
+    "control_rate_max", "setpoint_rate_max",
 )  # fmt: skip
 
 
@@ -145,16 +147,22 @@ class VirtualLoop:
         return self.controller.settings.gains
 
     def design(self) -> RunningDesign:
-        gains, order, time, proportional, derivative = self.tuned_settings().values()
-        return RunningDesign(gains, MeasurementFilter(order, time), SetpointWeights(proportional, derivative))
+        gains, order, time, proportional, derivative, *pace = self.tuned_settings().values()
+        weights = SetpointWeights(proportional, derivative)
+        return RunningDesign(gains, MeasurementFilter(order, time), weights, Pace(*pace))
 
     def apply(self, design: RunningDesign, status: str = "", certificate: str = "") -> RunningDesign:
         del certificate  # nobody here shows it
         before, weights = self.design(), design.weights or self.design().weights
         values = (design.gains, design.filter.order, design.filter.time, weights.proportional, weights.derivative)
-        self.set(**dict(zip(TUNED, values, strict=True)))
+        self.set(**dict(zip(TUNED, values, strict=False)))
+        if design.pace is not None:
+            self.hold(design.pace)
         self.statuses.append(status)
         return before
+
+    def hold(self, pace: Pace) -> None:
+        self.set(control_rate_max=pace.control, setpoint_rate_max=pace.setpoint)
 
     def renew_trial(self) -> None:
         pass

@@ -1,7 +1,9 @@
 """Gains tried behind an actuator that sticks, has play or is slow, or against dry friction: nothing linear shows that.
 
 An actuator that is slow shows it in large moves: there it lags behind by up to a right angle, whatever margins the loop
-has, and a loop that is fast for it swings from limit to limit for ever.
+has, and a loop that is fast for it swings from limit to limit for ever. It does not where the controller moves its
+control no faster than that, since what it remembers is what the actuator does then, and the setpoint so slowly that
+the actuator can follow.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from fopid_core.model.stability import stability
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.plant import PlantSettings
-from fopid_core.runtime.settings import as_designed
+from fopid_core.runtime.settings import UNPACED, Pace, as_designed
 
 UNLIMITED = (-math.inf, math.inf)
 LOADS = (2.0, 20.0)
@@ -32,16 +34,21 @@ WORSE = 1.05
 """By how much more error than what runs new gains may leave."""
 KICK_SHARE = 0.5
 """That of the setpoint is not answered with more than this share of it, at the crossover of what runs."""
+SLOWER_YET = 0.7
+"""An actuator may be so much slower than it was learnt to be: gains must be borne by that one as well."""
+RAMPS = (0.6, 0.3, 0.15)
+"""Of what a slow actuator can follow: shares that the setpoint's ramp is tried with."""
 MOST_TICKS = 20_000
 _SEED = 1
 
 
 @dataclass(frozen=True)
 class _Move:
-    """A step of the setpoint or of the load."""
+    """A step of the setpoint or of the load, with an actuator that moves so far in a second."""
 
     setpoint: float
     load: float
+    rate: float
     told: str
 
 
@@ -63,6 +70,8 @@ class FlawTrial:
     room : (float, float)
         Limits of the control, from where it rests. Without both a slow actuator is not tried: nothing says how large
         moves may be.
+    pace : Pace
+        Of the controller, with what runs; others are held to no more.
 
     Examples
     --------
@@ -75,38 +84,58 @@ class FlawTrial:
     'the actuator has play within 0.1: after a load of 2 times that 2 times the error of what runs is left'
     >>> process, slow = Process.parse("1/((7s+1)(0.3s+1))"), Flaws(rate=7.0)
     >>> trial = FlawTrial(process, slow, 0.1, 0.0, Loop(process, Fopid(kp=4.0, ki=0.6)), (-50.0, 50.0))
-    >>> trial.refusal(Loop(process, Fopid(kp=4.5, ki=0.7)))
-    ''
-    >>> trial.refusal(Loop(process, Fopid(kp=17.0, ki=15.0, kd=1.5)))
+    >>> lively = Loop(process, Fopid(kp=17.0, ki=15.0, kd=1.5))
+    >>> trial.refusal(lively)
     'the actuator may be as slow as 7 a second: after a setpoint step of 9.2 9 times the error of what runs is left'
+    >>> pace = trial.pace(lively)
+    >>> pace.control, round(pace.setpoint, 2)
+    (7.0, 1.93)
+    >>> trial.refusal(lively, pace)
+    ''
     """
 
     def __init__(
         self, process: Process, flaws: Flaws, sample_time: float, noise: float, running: Loop,
-        room: tuple[float, float] = UNLIMITED,
+        room: tuple[float, float] = UNLIMITED, pace: Pace = UNPACED,
     ) -> None:  # fmt: skip
         self._process, self._flaws, self._sample_time, self._room = process, flaws, sample_time, room
-        self._ticks = _ticks_until_rest(running, sample_time)
+        self._ticks, self._pace = _ticks_until_rest(running, sample_time), pace
         self._noise = noise * np.random.default_rng(_SEED).standard_normal(self._ticks)
-        self._moves = [*self._small_moves(), *self._large_moves(running)]
-        self._before = [self._error(running, move) for move in self._moves]
+        self._steps = self._large_steps(running)
+        moves = [*self._small_moves(), *(move for step in self._steps for move in step)]
+        self._before = {move: self._error(running, move, pace) for move in moves}
 
-    def refusal(self, loop: Loop) -> str:
-        """Why gains may not be used; empty where they leave hardly more error than what runs."""
-        for move, before in zip(self._moves, self._before, strict=True):
-            error = self._error(loop, move)
+    def refusal(self, loop: Loop, pace: Pace = UNPACED) -> str:
+        """Why gains may not be used at this pace; empty where they leave hardly more error than what runs."""
+        for move, before in self._before.items():
+            error = self._error(loop, move, pace & self._pace)
             if math.isinf(error):
                 return f"{self._flaws}: after {move.told} the loop runs away"
             if error > WORSE * before:
                 return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""
 
+    def pace(self, loop: Loop) -> Pace:
+        """What a controller is best held to before an actuator that is slow; no limits before one that is not."""
+        if not self._steps:
+            return UNPACED
+        (step, _), rate = self._steps[0], self._flaws.rate
+        follows = step.setpoint * rate / (MOVE_SHARE * (self._room[1] - self._room[0]))
+        paces = [Pace(rate, share * follows) for share in RAMPS]
+        return min(paces, key=lambda pace: self._left(loop, pace & self._pace))
+
+    def _left(self, loop: Loop, pace: Pace) -> float:
+        """Error after large steps of the setpoint, beside that of what runs, where it is largest."""
+        return max(self._error(loop, step, pace) / self._before[step] for step, _ in self._steps)
+
     def _small_moves(self) -> list[_Move]:
         friction = self._flaws.friction
         size = friction.size if friction else float(self._flaws.dead_band)
-        return [_Move(0.0, times * size, f"a load of {times:g} times that") for times in LOADS if size]
+        rate = self._flaws.rate
+        return [_Move(0.0, times * size, rate, f"a load of {times:g} times that") for times in LOADS if size]
 
-    def _large_moves(self, running: Loop) -> list[_Move]:
+    def _large_steps(self, running: Loop) -> list[tuple[_Move, _Move]]:
+        """Of the setpoint, and of the load, for each of the rates that the actuator may have."""
         wide = self._room[1] - self._room[0]
         if not (math.isfinite(self._flaws.rate) and math.isfinite(wide)):
             return []
@@ -115,15 +144,19 @@ class FlawTrial:
         if math.isfinite(crossover) and (answer := abs(complex(running.controller(1j * crossover)))):
             setpoint = min(setpoint, KICK_SHARE * wide / answer)
         return [
-            _Move(setpoint, 0.0, f"a setpoint step of {setpoint:.2g}"),
-            _Move(0.0, load, f"a load of {load:.2g}"),
+            (
+                _Move(setpoint, 0.0, rate, f"a setpoint step of {setpoint:.2g}"),
+                _Move(0.0, load, rate, f"a load of {load:.2g}"),
+            )
+            for rate in (self._flaws.rate, SLOWER_YET * self._flaws.rate)
         ]
 
-    def _error(self, loop: Loop, move: _Move) -> float:
+    def _error(self, loop: Loop, move: _Move, pace: Pace) -> float:
         """Sum of the absolute error after a move; infinite where it grows beyond numbers."""
-        settings = as_designed(loop.controller, self._sample_time, loop.filter, loop.weights)
-        controller = FopidController(replace(settings, control_min=self._room[0], control_max=self._room[1]))
-        friction, most = self._flaws.friction, self._flaws.rate * self._sample_time
+        low, high = self._room
+        settings = as_designed(loop.controller, self._sample_time, loop.filter, loop.weights, pace)
+        controller = FopidController(replace(settings, control_min=low, control_max=high))
+        friction, most = self._flaws.friction, move.rate * self._sample_time
         plant = (
             Body(friction, self._sample_time) if friction
             else plant_of(PlantSettings(self._process, self._sample_time, delay_model="exact"))

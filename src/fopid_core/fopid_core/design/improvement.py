@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fopid_core.design.flaw_trial import MOVE_SHARE, FlawTrial
+from fopid_core.design.flaw_trial import FlawTrial
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.loop_judge import LoopJudge, RunningGains, loop_of
 from fopid_core.design.loop_worth import LoopWorth
@@ -31,6 +31,7 @@ from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
+from fopid_core.runtime.settings import UNPACED, Pace
 
 LOAD_WEIGHTED = 10.0
 """Of the load in the search of a design in time, whose index is a sum, beside the setpoint's."""
@@ -62,9 +63,6 @@ SLOWED, MOST_SLOWED = (0.7, 0.5), 2
 """Where the record forbids all designs: so many of them, those that it forbids by least, are made so much slower."""
 SLOWER = (0.5, 0.25)
 """Shares of a crossover that are tried where noise moves the control too much."""
-WAITS = (0.25, 0.5, 1.0)
-"""Where no design is borne by an actuator that is slow: shares of what it takes for a large move that designs count as
-delay, of which the best is taken. A ramp is a step behind half of it."""
 _UNSTABLE = 1e3
 """A process that a design does not hold is further from what must hold than any max |S|."""
 _POINTS, _DECADES = 600, (-7.0, 7.0)
@@ -111,6 +109,8 @@ class Improvement:
         The record does not show the process's slow end, and gains were searched in ranges for that.
     noise_gain_aim : float
         What was aimed at of the noise gain; infinite where nothing bounds it.
+    pace : Pace
+        That the controller is to be held to with these gains, where the actuator is slow.
     """
 
     success: bool
@@ -119,6 +119,7 @@ class Improvement:
     candidates: tuple[Candidate, ...] = ()
     held_back: bool = False
     noise_gain_aim: float = math.inf
+    pace: Pace = UNPACED
 
 
 def improve(
@@ -135,8 +136,7 @@ def improve(
 ) -> Improvement:
     """The best design on a learnt process, if it beats the gains that run.
 
-    Behind an actuator that is slow, where there is none, the best of those for a process that is later by what it takes
-    for a large move.
+    Behind an actuator that is slow it is to run with a control that moves no faster, and a setpoint that it follows.
 
     Parameters
     ----------
@@ -162,34 +162,14 @@ def improve(
     """
     if not identified.success or identified.best is None:
         return Improvement(False, identified.message, tune_robustly(identified, request, limits, clock))
-
-    def found(learnt: IdentificationResult) -> Improvement:
-        return _improve(learnt, request, limits, running, compare, refuse, clock, every, only, tell)
-
-    improved = found(identified)
-    low, high = running.control_room
-    large = MOVE_SHARE * (high - low) / identified.flaws.rate
-    if improved.success or only is not None or not 0.0 < large < math.inf:
-        return improved
-    return min((improved, *(found(replace(identified, wait=share * large)) for share in WAITS)), key=_left)
-
-
-def _left(improved: Improvement) -> float:
-    """By how much gains err on the learnt process, a load counting twice; infinite where there are none."""
-    worth = improved.candidates[0].worth if improved.success else None
-    return worth.setpoint * worth.load**2 if worth else math.inf
-
-
-def _improve(
-    identified: IdentificationResult, request: TuningRequest, limits: RobustLimits, running: RunningGains,
-    compare: bool, refuse: Callable[[TuningResult], str], clock: Clock, every: bool, only: TuningResult | None,
-    tell: Callable[[str], object],
-) -> Improvement:  # fmt: skip
-    """The same of the process as it was learnt."""
-    if identified.best is None:
-        raise InputError("identification without a model; allowed: one that succeeded")
     judge = LoopJudge(identified.best.process, request.sample_time, running, limits.ms_max)
-    trial = _Trial(identified, limits, _and_its_flaws(refuse, identified, judge), clock, judge, tell, [])
+    flawed = _flaw_trial(identified, judge)
+
+    def refused(tuning: TuningResult) -> str:
+        loop = loop_of(judge.process, tuning)
+        return refuse(tuning) or (flawed.refusal(loop, flawed.pace(loop)) if flawed else "")
+
+    trial = _Trial(identified, limits, refused, clock, judge, tell, [])
     compare, every = compare and only is None, every and only is None
     promising = _promising(identified, request, judge, tell) if compare or every else []
     fit = [one for one in promising if not one.refusal] if compare else []
@@ -216,20 +196,18 @@ def _improve(
     parts = [tuned.message, judge.told(tuned, wanted.rule or wanted.method)]
     unseen = bool(_box(identified, judge))
     parts += [UNSEEN_END] * unseen + [RUNS_AWAY] * identified.best.structure.runs_away
-    return Improvement(True, "; ".join(parts), tuned, candidates, unseen and compare, judge.noise_gain_aim)
+    pace = flawed.pace(loop_of(judge.process, tuned.tuning)) if flawed and tuned.tuning else UNPACED
+    return Improvement(True, "; ".join(parts), tuned, candidates, unseen and compare, judge.noise_gain_aim, pace)
 
 
-def _and_its_flaws(
-    refuse: Callable[[TuningResult], str], identified: IdentificationResult, judge: LoopJudge
-) -> Callable[[TuningResult], str]:
-    """The same, and what a dead band, dry friction or a slow actuator makes of a design, where there is one."""
+def _flaw_trial(identified: IdentificationResult, judge: LoopJudge) -> FlawTrial | None:
+    """The loop behind a dead band, a slow actuator or dry friction, where there is one."""
     if not identified.flaws.come_before or identified.best is None:
-        return refuse
-    running = judge.running
-    tried = FlawTrial(
-        identified.best.process, identified.flaws, judge.sample_time, running.noise, judge.runs, running.control_room
+        return None
+    running, process = judge.running, identified.best.process
+    return FlawTrial(
+        process, identified.flaws, judge.sample_time, running.noise, judge.runs, running.control_room, running.pace
     )
-    return lambda tuning: refuse(tuning) or tried.refusal(loop_of(judge.process, tuning))
 
 
 @dataclass(frozen=True)
@@ -377,11 +355,9 @@ def _promising(
         excess = looked_at(in_time)
         if excess > 1.0 and in_time.noise_rms_max:  # by as much less as sampling and filters add to it
             looked_at(replace(in_time, noise_rms_max=CLEAR * in_time.noise_rms_max / excess))
-    fit = [one for one in found if not one.refusal]
-    if fit and request.ms_max is None and _is_beaten_by_a_lively_rule(judge, fit):
-        best = min(fit, key=lambda one: one.score)
-        looked_at(replace(best.wanted, ms_max=judge.textbook.ms if judge.textbook else None))
-        fit = [one for one in found if not one.refusal]
+    for further in _further(found, request, judge, identified):
+        looked_at(further)
+    fit = _fit(found)
     judge.note_reach(one.worth for one in fit)
     fit = [replace(one, score=judge.score(one.worth, one.tuning.controller)) for one in fit]
     if fit and usual.noise_rms_max is not None and not usual.bounds:
@@ -392,6 +368,25 @@ def _promising(
         looked_at(replace(request, method="rule", rule=rule))
     found = [replace(one, score=judge.score(one.worth, one.tuning.controller)) for one in found]
     return sorted(found, key=lambda one: (bool(one.refusal), one.score))
+
+
+def _fit(found: Iterable[_Promise]) -> list[_Promise]:
+    """Those that may be used."""
+    return [one for one in found if not one.refusal]
+
+
+def _further(
+    found: Sequence[_Promise], request: TuningRequest, judge: LoopJudge, identified: IdentificationResult
+) -> Iterator[TuningRequest]:
+    """Searches like the best in time, where rules leave less: as near to trouble as theirs, then in as much noise."""
+    fit = _fit(found)
+    if fit and request.ms_max is None and _is_beaten_by_a_lively_rule(judge, fit):
+        best = min(fit, key=lambda one: one.score).wanted
+        yield replace(best, ms_max=judge.textbook.ms if judge.textbook else None)
+    fit = _fit(found)
+    if fit and judge.allow_the_noise_of_rules(one.worth for one in fit):
+        best = min(fit, key=lambda one: one.score).wanted
+        yield replace(_in_time(request, judge, identified), structure=best.structure, ms_max=best.ms_max)
 
 
 def _beside_noise_bound(wanted: TuningRequest, tuning: TuningResult) -> float:
@@ -411,7 +406,7 @@ def _hold_to_textbook(identified: IdentificationResult, request: TuningRequest, 
     """Ask for less error after a load than rules leave on the learnt process, at no more movement than theirs."""
     if identified.best is None:
         return
-    seen = as_held(judge.process, request.sample_time).delayed(identified.wait)
+    seen = as_held(judge.process, request.sample_time)
     for controller, slow in textbook_loops(seen, identified.best.crossover):
         judge.note_textbook(judge.worth(Loop(judge.process, controller, slow)))
 

@@ -20,6 +20,7 @@ from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
 from fopid_core.model.stability import stability
 from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
+from fopid_core.runtime.settings import UNPACED, Pace
 
 WORSE, BETTER = 1.05, 0.95
 """By which factor an index may grow, and to which both together must fall, so that new gains beat the old ones."""
@@ -64,6 +65,8 @@ class RunningGains:
         is allowed in any case.
     control_room : (float, float)
         Limits of the control, from where it rests.
+    pace : Pace
+        That the controller is held to.
     filter, weights
         Of the measurement and of the setpoint, that run with the gains.
     spectrum : NoiseSpectrum or None
@@ -83,6 +86,7 @@ class RunningGains:
     spectrum: NoiseSpectrum | None = None
     noise_gain_aim: float = math.inf
     control_room: tuple[float, float] = UNLIMITED
+    pace: Pace = UNPACED
 
 
 class LoopJudge:
@@ -113,7 +117,7 @@ class LoopJudge:
         allowed = running.control_movement / running.noise if running.noise > 0.0 else math.inf
         self.noise_gain_max, self._quietest = max(allowed, old, _LEAST), max(old, _LEAST)
         self._rules: tuple[LoopWorth, ...] = ()
-        self._least_load = 0.0
+        self._least_load, self._ahead_in_noise = 0.0, AHEAD_IN_NOISE
         self.control_peak = running.control_peak if math.isfinite(running.control_peak) else None
         self.control_rate = running.control_rate if math.isfinite(running.control_rate) else None
 
@@ -142,6 +146,13 @@ class LoopJudge:
         """The rule with the least error after a load; None where what runs leaves less than all."""
         return min(self._rules, key=lambda rule: rule.load, default=None)
 
+    def allow_the_noise_of_rules(self, found: Iterable[LoopWorth]) -> bool:
+        """Aim at no less movement than theirs, where designs that may be used miss the error aimed at; whether so."""
+        before = self.noise_gain_aim
+        if self.textbook and min((one.load for one in found), default=0.0) > self.load_aim:
+            self._ahead_in_noise = 1.0
+        return self.noise_gain_aim > before
+
     def note_reach(self, found: Iterable[LoopWorth]) -> None:
         """Take designs that may be used for all that can be had: what none of them reaches is no aim."""
         self._least_load = min((one.load for one in found if one.ms <= self._ms_max), default=0.0)
@@ -167,7 +178,7 @@ class LoopJudge:
         if self.textbook is None or math.isinf(self.noise_gain_max):
             return max(before, self._quietest)
         quietest = min(rule.noise_gain for rule in self._rules if rule.load <= ALIKE * self.textbook.load)
-        aim = max(AHEAD_IN_NOISE * quietest, HARDLY_MOVES * self.noise_gain_max)
+        aim = max(self._ahead_in_noise * quietest, HARDLY_MOVES * self.noise_gain_max)
         return max(min(aim, before), self._quietest)
 
     @property

@@ -289,7 +289,7 @@ def first_request(identified: IdentificationResult, request: TuningRequest) -> T
     """
     if identified.best is None:
         raise InputError("identification without a model; allowed: one that succeeded")
-    learnt = identified.best.process.delayed(identified.wait)
+    learnt = identified.best.process
     # A crossover is kept below what the sample time allows; times and rules know that limit by the delay of the hold.
     seen = learnt if request.method == "frequency" else as_held(learnt, request.sample_time)
     return _within_reach(replace(request, process=seen), identified.best)

@@ -18,6 +18,28 @@ LARGEST, LOWEST = 1e100, -1e100
 
 
 @dataclass(frozen=True)
+class Pace:
+    """How fast a controller's control moves, and what it takes for the setpoint.
+
+    Attributes
+    ----------
+    control, setpoint : float
+        At most [1/s]; infinite for none.
+    """
+
+    control: float = math.inf
+    setpoint: float = math.inf
+
+    def __and__(self, other: Pace) -> Pace:
+        """No faster than either."""
+        return Pace(min(self.control, other.control), min(self.setpoint, other.setpoint))
+
+
+UNPACED = Pace()
+"""Without limits."""
+
+
+@dataclass(frozen=True)
 class ControllerSettings:
     """What the controller needs to know.
 
@@ -132,8 +154,9 @@ def _require(holder: object, name: str, low: float, high: float) -> None:
 
 
 def as_designed(
-    gains: Fopid, sample_time: float, measurement_filter: MeasurementFilter, weights: SetpointWeights
-) -> ControllerSettings:
+    gains: Fopid, sample_time: float, measurement_filter: MeasurementFilter, weights: SetpointWeights,
+    pace: Pace = UNPACED,
+) -> ControllerSettings:  # fmt: skip
     """The settings that run a design as it was designed."""
     return ControllerSettings(
         gains,
@@ -142,6 +165,8 @@ def as_designed(
         derivative_setpoint_weight=weights.derivative,
         measurement_filter_order=measurement_filter.order,
         measurement_filter_time=measurement_filter.time,
+        control_rate_max=pace.control,
+        setpoint_rate_max=pace.setpoint,
     )
 
 

@@ -14,11 +14,13 @@ from rclpy.parameter_client import AsyncParameterClient
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter, SetpointWeights
+from fopid_core.runtime.settings import Pace
 from fopid_ros.common.background import Background
 
 GAINS = ("kp", "ki", "kd", "lam", "mu")
 FILTER = ("measurement_filter_order", "measurement_filter_time")
 WEIGHTS = ("setpoint_weight", "derivative_setpoint_weight")
+PACE = ("control_rate_max", "setpoint_rate_max")
 OF_ALL_JOINTS = ("sample_time", "mode")
 """Parameters of a controller of many joints that are not each joint's own."""
 ANSWER_TIME = 3.0
@@ -39,11 +41,14 @@ class RunningDesign:
         Of the measurement: part of the loop, and so of what is verified.
     weights : SetpointWeights or None
         None leaves them as they are: they are not in the loop.
+    pace : Pace or None
+        Of control and setpoint; None leaves it as it is.
     """
 
     gains: Fopid
     filter: MeasurementFilter = NO_FILTER
     weights: SetpointWeights | None = None
+    pace: Pace | None = None
 
     @property
     def parameters(self) -> dict[str, float | int]:
@@ -52,12 +57,17 @@ class RunningDesign:
         found |= dict(zip(FILTER, (self.filter.order, self.filter.time), strict=True))
         if self.weights is not None:
             found |= dict(zip(WEIGHTS, (self.weights.proportional, self.weights.derivative), strict=True))
-        return found
+        return found if self.pace is None else {**found, **_of_pace(self.pace)}
 
     def is_same_loop(self, other: RunningDesign) -> bool:
         """Whether gains and filter are the same, whatever the setpoint weights."""
         both_idle = self.filter.is_idle and other.filter.is_idle
         return self.gains == other.gains and (both_idle or self.filter == other.filter)
+
+
+def _of_pace(pace: Pace) -> dict[str, float]:
+    """As the controller's parameters."""
+    return dict(zip(PACE, (pace.control, pace.setpoint), strict=True))
 
 
 class UnconfirmedError(InputError):
@@ -123,9 +133,10 @@ class ControllerClient:
             time.sleep(LOOK_AGAIN)
 
     def design(self) -> RunningDesign:
-        """The gains, the filter and the setpoint weights in force."""
-        kp, ki, kd, lam, mu, order, time, b, c = self.get(*GAINS, *FILTER, *WEIGHTS)
-        return RunningDesign(Fopid(kp, ki, kd, lam, mu), MeasurementFilter(order, time), SetpointWeights(b, c))
+        """What is in force."""
+        kp, ki, kd, lam, mu, order, time, b, c, control, setpoint = self.get(*GAINS, *FILTER, *WEIGHTS, *PACE)
+        gains, slow = Fopid(kp, ki, kd, lam, mu), MeasurementFilter(order, time)
+        return RunningDesign(gains, slow, SetpointWeights(b, c), Pace(control, setpoint))
 
     def apply(self, design: RunningDesign, status: str = "", certificate: str = "") -> RunningDesign:
         """Hand over a design: the controller swaps all of it between two ticks; what it ran before.
@@ -152,6 +163,10 @@ class ControllerClient:
             provenance["gains.certificate"] = certificate
         self._set({**design.parameters, **provenance}, previous)
         return previous
+
+    def hold(self, pace: Pace) -> None:
+        """Move control and setpoint no faster than that; raises as ``apply`` does."""
+        self._set(_of_pace(pace), self.design())
 
     def renew_trial(self) -> None:
         """Say that whoever put the gains on trial lives; nothing is waited for, since it is said again and again."""

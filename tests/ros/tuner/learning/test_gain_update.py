@@ -24,7 +24,8 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
 from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.performance_monitor import PerformanceMeter
-from fopid_ros.tuner.controller_client import FILTER, GAINS, WEIGHTS, RunningDesign, UnconfirmedError
+from fopid_core.runtime.settings import UNPACED, Pace
+from fopid_ros.tuner.controller_client import FILTER, GAINS, PACE, WEIGHTS, RunningDesign, UnconfirmedError
 from fopid_ros.tuner.learning import gain_update as gain_update_module
 from fopid_ros.tuner.learning.gain_update import (
     AcceptanceCriteria,
@@ -42,7 +43,7 @@ from fopid_ros.tuner.parameters import SPECS as TUNER
 OLD = RunningDesign(Fopid(0.5, 1.0, 0.0, 1.0, 1.0), MeasurementFilter(2, 0.003), SetpointWeights(0.5, 0.0))
 ANOTHERS = RunningDesign(Fopid(0.7, 0.1))
 SAMPLE_TIME = 0.01
-LIMITS = ("control_min", "control_max", "control_rate_max")
+LIMITS = ("control_min", "control_max")
 Loop = Callable[[float], float]
 """Measurement at each time, about a setpoint of 1."""
 
@@ -114,9 +115,10 @@ def learnt() -> IdentificationResult:
 
 
 def handover_of(
-    running: Running, delay_margin_min: float = 2.0, sample_time: float = SAMPLE_TIME, certify: bool = False
-) -> GainUpdate:
-    controller = RunningController(OLD.gains, sample_time, -math.inf, math.inf)
+    running: Running, delay_margin_min: float = 2.0, sample_time: float = SAMPLE_TIME, certify: bool = False,
+    pace: Pace = UNPACED,
+) -> GainUpdate:  # fmt: skip
+    controller = RunningController(OLD.gains, sample_time, -math.inf, math.inf, pace=pace)
     criteria = AcceptanceCriteria(TuningRequest(read_process("P1")), RobustLimits(), delay_margin_min, certify)
     loop: Any = running
     return GainUpdate(loop, loop, loop, controller, criteria)
@@ -443,13 +445,13 @@ def test_new_gains_are_watched_for_sixty_ticks_at_least(learnt: IdentificationRe
 
 
 def test_a_controller_in_manual_mode_is_not_tuned() -> None:
-    answers = dict.fromkeys((*GAINS, "sample_time", *LIMITS, *FILTER, *WEIGHTS), 1.0) | {"mode": "manual"}
+    answers = dict.fromkeys((*GAINS, "sample_time", *LIMITS, *FILTER, *WEIGHTS, *PACE), 1.0) | {"mode": "manual"}
     client: Any = SimpleNamespace(get=lambda *names: [answers[name] for name in names])
     with pytest.raises(InputError, match="mode = 'manual'"):
         read_running_controller(client)
     answers["mode"] = "auto"
     assert read_running_controller(client) == RunningController(
-        Fopid(1.0, 1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 1.0, MeasurementFilter(1, 1.0), SetpointWeights(), 1.0
+        Fopid(1.0, 1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 1.0, MeasurementFilter(1, 1.0), SetpointWeights(), Pace(1.0, 1.0)
     )
 
 
@@ -458,9 +460,22 @@ def test_a_control_at_a_limit_is_saturated(control: float, saturated: bool) -> N
     assert RunningController(OLD.gains, SAMPLE_TIME, -1.0, 1.0).saturated(control) == saturated
 
 
-def test_what_runs_is_gains_filter_and_weights() -> None:
-    controller = RunningController(OLD.gains, SAMPLE_TIME, -1.0, 1.0, OLD.filter, OLD.weights)
-    assert controller.running == OLD
+def test_what_runs_is_gains_filter_weights_and_pace() -> None:
+    controller = RunningController(OLD.gains, SAMPLE_TIME, -1.0, 1.0, OLD.filter, OLD.weights, Pace(3.0, 2.0))
+    assert controller.running == replace(OLD, pace=Pace(3.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("now", "sent"), [(Pace(), Pace(5.0, 2.0)), (Pace(4.0), Pace(4.0, 2.0)), (Pace(4.0, 1.0), None)]
+)
+def test_a_controller_is_held_to_what_its_actuator_can_follow_and_never_hurried(
+    learnt: IdentificationResult, now: Pace, sent: Pace | None
+) -> None:
+    running = Running(lambda _: 1.0)
+    _, outcome = handed_over(running, learnt)
+    tried = handover_of(running, pace=now).apply_and_monitor(replace(outcome, pace=Pace(5.0, 2.0)), quiet(), 0.01, 2.0)
+    assert [design.pace for design in running.applied] == [sent]
+    assert ("(control_rate_max)" in tried.message) == (sent is not None)
 
 
 def test_the_range_of_the_control_is_between_its_limits() -> None:

@@ -80,8 +80,6 @@ class IdentificationResult:
         The simplest of those that fit best; None where none could be fitted.
     elapsed : float
         [s]
-    wait : float
-        Counted as more delay by those who design for it: what a slow actuator takes for a large move [s].
     """
 
     success: bool
@@ -89,7 +87,6 @@ class IdentificationResult:
     models: tuple[IdentifiedModel, ...]
     best: IdentifiedModel | None
     elapsed: float
-    wait: float = 0.0
 
     @property
     def flaws(self) -> Flaws:

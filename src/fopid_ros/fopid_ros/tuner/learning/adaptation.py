@@ -125,7 +125,7 @@ class Adaptation:
         criteria: AcceptanceCriteria, wait: LoopWait,
     ) -> Outcome:  # fmt: skip
         gain_update = GainUpdate(self._tap, self._client, wait, controller, criteria)
-        sensor, rate = sensor_of(record, found), control_rate(record, controller.control_rate_max)
+        sensor, rate = sensor_of(record, found), control_rate(record, controller.pace.control)
         outcome = gain_update.design(found, sensor, control_rate=rate, record=record)
         if not outcome.success or outcome.model is None:
             return outcome  # what was learnt is not taken over: the next look tries again

@@ -17,6 +17,7 @@ from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.errors import InputError
 from fopid_core.model.loop import Loop
 from fopid_core.runtime.performance_monitor import LoopPerformance
+from fopid_core.runtime.settings import Pace
 from fopid_ros.tuner.controller_client import ControllerClient
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings, RestlessError
 from fopid_ros.tuner.learning.gain_update import (
@@ -25,6 +26,7 @@ from fopid_ros.tuner.learning.gain_update import (
     Outcome,
     RunningController,
     Trial,
+    held_to,
     read_running_controller,
     response_time,
 )
@@ -283,28 +285,41 @@ class Autotuner:
             asked, reach = self._request.experiment, self._experiment.reach
             proof = Proof(self._tap, self._wait, running, asked, reach, self._rest)
             proof.measure(borne)
-            against = proof.prove(response_time(outcome)) or self._in_large_moves(outcome)
+            against = proof.prove(response_time(outcome))
+            pace, against = (None, against) if against else self._in_large_moves(outcome, running)
+            if pace is not None and not against:
+                self._client.hold(pace)
+                outcome = replace(outcome, message=f"{outcome.message}; {held_to(pace)}")
         except RestlessError as error:
             against = str(error)
         except InputError as error:
             return replace(outcome, message=f"{outcome.message}; not moved once more: {error}")
         return self._taken_back(outcome, update, against) if against else outcome
 
-    def _in_large_moves(self, outcome: Outcome) -> str:
-        """What speaks against new gains where the actuator is as slow as all that was heard leaves possible."""
+    def _in_large_moves(self, outcome: Outcome, running: LoopBaseline) -> tuple[Pace | None, str]:
+        """What speaks against new gains where the actuator is as slow as all that was heard leaves possible.
+
+        Where something does, the pace comes first that the controller has to be held to, and what speaks against them
+        even then, if anything.
+        """
         now, rest = self._rest.controller, self._rest
         tuning = outcome.tuned.tuning if outcome.tuned else None
         if self._learnt is None or tuning is None or tuning.controller is None or not math.isfinite(now.control_range):
-            return ""
+            return None, ""
         record = self._tap.history.record(self._learnt_since)
         slow = behind_slow_actuator(record, self._learnt[0], self._request.template, rest.unrest, possible=True)
         if slow is None or slow.best is None:
-            return ""
+            return None, ""
         self._learnt = slow, record
         process = slow.best.process
-        running = Loop(process, now.gains, filter=now.filter, weights=now.weights)
-        trial = FlawTrial(process, slow.flaws, now.sample_time, rest.noise, running, now.room(rest.control))
-        return trial.refusal(Loop(process, tuning.controller, filter=tuning.filter, weights=tuning.weights))
+        before = Loop(process, now.gains, filter=now.filter, weights=now.weights)
+        trial = FlawTrial(process, slow.flaws, now.sample_time, rest.noise, before, now.room(rest.control), now.pace)
+        new = Loop(process, tuning.controller, filter=tuning.filter, weights=tuning.weights)
+        held = running.controller.pace
+        if not trial.refusal(new, held):
+            return None, ""
+        pace = trial.pace(new) & held
+        return pace, trial.refusal(new, pace)
 
     def _taken_back(self, outcome: Outcome, update: GainUpdate, against: str) -> Outcome:
         update.roll_back()
@@ -388,9 +403,11 @@ class Autotuner:
     ) -> Outcome:  # fmt: skip
         """Gains for what was learnt; or those of an earlier design, slower."""
         loop, every = self._experiment.loop, self._request.propose_only
+        # A livelier loop answers the noise, which looks like more of it: what was least is nearest to the sensor's own.
+        sensor = min(self._rest.sensor, loop.sensor, key=lambda seen: seen.level)
         return update.design(
             found,
-            loop.sensor,
+            sensor,
             loop.control_peak,
             loop.control_rate,
             loop.control,

@@ -23,7 +23,16 @@ from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
 from fopid_core.runtime.performance_monitor import LoopPerformance, MonitorSettings, PerformanceMonitor
-from fopid_ros.tuner.controller_client import FILTER, GAINS, WEIGHTS, ControllerClient, RunningDesign, UnconfirmedError
+from fopid_core.runtime.settings import UNPACED, Pace
+from fopid_ros.tuner.controller_client import (
+    FILTER,
+    GAINS,
+    PACE,
+    WEIGHTS,
+    ControllerClient,
+    RunningDesign,
+    UnconfirmedError,
+)
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 
@@ -88,6 +97,7 @@ class Outcome:
     certificate: str = ""
     held_back: bool = False
     noise_gain_aim: float = math.inf
+    pace: Pace = UNPACED
 
 
 @dataclass(frozen=True)
@@ -119,10 +129,10 @@ class RunningController:
     sample_time : float
         [s]
     control_min, control_max : float
-    control_rate_max : float
-        Of the control's moves [1/s]; infinite for none.
     filter, weights
         Of the measurement and of the setpoint.
+    pace : Pace
+        Of control and setpoint.
     """
 
     gains: Fopid
@@ -131,7 +141,7 @@ class RunningController:
     control_max: float
     filter: MeasurementFilter = NO_FILTER
     weights: SetpointWeights = WHOLE_SETPOINT
-    control_rate_max: float = math.inf
+    pace: Pace = UNPACED
 
     @property
     def control_range(self) -> float:
@@ -145,7 +155,7 @@ class RunningController:
     @property
     def running(self) -> RunningDesign:
         """The gains with the filter and the weights they run with."""
-        return RunningDesign(self.gains, self.filter, self.weights)
+        return RunningDesign(self.gains, self.filter, self.weights, self.pace)
 
     def saturated(self, control: float) -> bool:
         """Whether a control is at a limit."""
@@ -160,14 +170,20 @@ def read_running_controller(client: ControllerClient) -> RunningController:
     InputError
         If it does not answer, or is in manual mode.
     """
-    *gains, sample_time, low, high, rate, mode = client.get(
-        *GAINS, "sample_time", "control_min", "control_max", "control_rate_max", "mode"
-    )
-    order, time, proportional, derivative = client.get(*FILTER, *WEIGHTS)
+    *gains, sample_time, low, high, mode = client.get(*GAINS, "sample_time", "control_min", "control_max", "mode")
+    order, time, proportional, derivative, *pace = client.get(*FILTER, *WEIGHTS, *PACE)
     if mode != "auto":
         raise InputError(f"mode = {mode!r} of the controller; allowed: auto, since the loop stays closed")
     slow, weights = MeasurementFilter(order, time), SetpointWeights(proportional, derivative)
-    return RunningController(Fopid(*gains), sample_time, low, high, slow, weights, rate)
+    return RunningController(Fopid(*gains), sample_time, low, high, slow, weights, Pace(*pace))
+
+
+def held_to(pace: Pace) -> str:
+    """What is said of a pace that the actuator can follow."""
+    return (
+        f"the actuator may be slow: the control moves by no more than {pace.control:.3g} a second now "
+        f"(control_rate_max), the setpoint by {pace.setpoint:.3g} (setpoint_rate_max)"
+    )
 
 
 def response_time(outcome: Outcome) -> float:
@@ -255,6 +271,7 @@ class GainUpdate:
             sensor.spectrum,
             self._noise_gain_aim,
             now.room(control) if math.isfinite(control) else UNLIMITED,
+            now.pace,
         )
         only = None
         if slower is not None and found.best is not None:
@@ -270,7 +287,7 @@ class GainUpdate:
         outcome = Outcome(
             improved.success, improved.message, model=found.best, models=found.models,
             candidates=improved.candidates, tuned=improved.tuned, held_back=improved.held_back,
-            noise_gain_aim=improved.noise_gain_aim,
+            noise_gain_aim=improved.noise_gain_aim, pace=improved.pace,
         )  # fmt: skip
         if not improved.success or improved.tuned.tuning is None:
             return replace(outcome, success=False, message=f"nothing was changed: {improved.message}")
@@ -325,7 +342,9 @@ class GainUpdate:
         if design is None or design.controller is None or design.achieved is None:
             raise InputError("a tuning without gains; allowed: one that succeeded")
         chosen = None if design.filter.is_idle and design.weights == WHOLE_SETPOINT else design.weights
-        whole = RunningDesign(design.controller, design.filter, chosen)  # as it was verified
+        pace = outcome.pace & self._controller.pace
+        changed = pace if pace != self._controller.pace else None
+        whole = RunningDesign(design.controller, design.filter, chosen, changed)  # as it was verified
         trial = Trial(whole, response_time(outcome))
         return self.try_out(trial, outcome, before, residual_transient, error_factor, outside)
 
@@ -348,6 +367,7 @@ class GainUpdate:
         if watch.verdict != "worse":
             self._client.confirm(self._trial)
             told = f"{outcome.message}; applied with {trial.design.filter}, watched: {watch.reason}"
+            told += f"; {held_to(trial.design.pace)}" if trial.design.pace else ""
             return replace(applied, message=told)
         self.roll_back()
         return replace(applied, success=False, applied=False, rolled_back=True,

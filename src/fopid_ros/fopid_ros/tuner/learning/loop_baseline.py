@@ -154,7 +154,7 @@ class LoopBaseline:
     @property
     def control_rate(self) -> float:
         """How fast such a step may move the control for each unit of it, by the controller's limit on that [1/s]."""
-        return self.controller.control_rate_max / (SMALL_STEP * self.deviation_max)
+        return self.controller.pace.control / (SMALL_STEP * self.deviation_max)
 
     @property
     def at_steady_state(self) -> bool:

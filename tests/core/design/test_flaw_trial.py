@@ -1,0 +1,79 @@
+"""Large moves before an actuator that is slow, and what spares the loop the limit cycle they would leave it in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fopid_core.design.flaw_trial import FlawTrial
+from fopid_core.design.identification.flaws import Flaws
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
+from fopid_core.model.process import Process
+from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT
+from fopid_core.runtime.controller import FopidController
+from fopid_core.runtime.settings import UNPACED, Pace, as_designed
+
+TICK, RATE, ROOM = 0.1, 7.0, (-50.0, 50.0)
+PROCESS = Process.parse("1/((7s+1)(1.5s+1))")
+START = Loop(PROCESS, Fopid(kp=4.0, ki=0.6))
+LIVELY = Loop(PROCESS, Fopid(kp=9.0, ki=3.0, kd=7.5))
+
+
+@pytest.fixture(scope="module")
+def trial() -> FlawTrial:
+    return FlawTrial(PROCESS, Flaws(rate=RATE), TICK, 0.0, START, ROOM)
+
+
+def swing(rate: float, pace: Pace, setpoint: float, load: float) -> float:
+    """How far the measurement still goes in the last quarter of 200 s, by explicit small steps."""
+    settings = as_designed(LIVELY.controller, TICK, NO_FILTER, WHOLE_SETPOINT, pace)
+    controller = FopidController(replace(settings, control_min=ROOM[0], control_max=ROOM[1]))
+    valve = first = second = 0.0
+    seen = []
+    for _ in range(2000):
+        control = controller.step(setpoint, second)
+        for _ in range(20):
+            valve += min(max(control - valve, -rate * TICK / 20), rate * TICK / 20)
+            first += TICK / 20 * (valve + load - first) / 7.0
+            second += TICK / 20 * (first - second) / 1.5
+        seen.append(second)
+    return float(np.ptp(seen[1500:]))
+
+
+def test_gains_that_swing_for_ever_before_a_slow_actuator_are_refused_and_held_to_its_pace_are_not(
+    trial: FlawTrial,
+) -> None:
+    assert "the actuator may be as slow as 7 a second" in trial.refusal(LIVELY)
+    assert trial.refusal(LIVELY, trial.pace(LIVELY)) == ""
+
+
+@pytest.mark.parametrize("rate", [5.0, 7.0, 9.0])
+def test_so_it_is_in_a_simulation_that_shares_no_code_for_moves_of_either_size(trial: FlawTrial, rate: float) -> None:
+    """Also where the actuator is slower, or faster, than it was learnt to be."""
+    assert swing(7.0, UNPACED, 10.0, 0.0) > 10.0
+    pace = trial.pace(LIVELY)
+    for setpoint, load in ((10.0, 0.0), (0.0, 10.0), (30.0, 0.0)):
+        assert swing(rate, pace, setpoint, load) < 1e-3
+
+
+def test_the_control_is_held_to_the_actuator_and_the_setpoint_to_what_it_can_follow(trial: FlawTrial) -> None:
+    pace = trial.pace(LIVELY)
+    assert pace.control == RATE
+    assert 0.1 * RATE < pace.setpoint < RATE
+
+
+def test_nobody_is_held_to_a_pace_where_no_actuator_is_slow_or_no_limits_say_what_is_large() -> None:
+    for flaws, room in ((Flaws(dead_band=0.1), ROOM), (Flaws(rate=RATE), (-math.inf, math.inf))):
+        assert FlawTrial(PROCESS, flaws, TICK, 0.0, START, room).pace(LIVELY) == UNPACED
+
+
+def test_what_runs_is_tried_at_its_own_pace() -> None:
+    hurried, held = (
+        FlawTrial(PROCESS, Flaws(rate=RATE), TICK, 0.0, LIVELY, ROOM, pace) for pace in (UNPACED, Pace(RATE, 2.0))
+    )
+    assert hurried.refusal(LIVELY) == ""
+    assert held.refusal(LIVELY) == ""  # others are held to no more than what runs
