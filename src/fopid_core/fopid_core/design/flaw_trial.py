@@ -9,6 +9,7 @@ the actuator can follow.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,13 +31,14 @@ LOADS = (2.0, 20.0)
 """Steps of the load that are tried, in dead bands or frictions: one that is nearly swallowed, one that hardly is."""
 MOVE_SHARE = 0.1
 """With a slow actuator steps are tried that take this share of the control's range."""
-WORSE = 1.05
-"""By how much more error than what runs new gains may leave."""
+WORSE, SETPOINT_WORSE = 1.05, 1.2
+"""By how much more error than what runs new gains may leave after a load, and after a large step of the setpoint, which
+is made a ramp before a slow actuator."""
 KICK_SHARE = 0.5
 """That of the setpoint is not answered with more than this share of it, at the crossover of what runs."""
 SLOWER_YET = 0.7
 """An actuator may be so much slower than it was learnt to be: gains must be borne by that one as well."""
-RAMPS = (0.6, 0.3, 0.15)
+RAMPS = (0.6, 0.4, 0.25, 0.15)
 """Of what a slow actuator can follow: shares that the setpoint's ramp is tried with."""
 MOST_TICKS = 20_000
 _SEED = 1
@@ -111,7 +113,7 @@ class FlawTrial:
             error = self._error(loop, move, pace & self._pace)
             if math.isinf(error):
                 return f"{self._flaws}: after {move.told} the loop runs away"
-            if error > WORSE * before:
+            if error > (SETPOINT_WORSE if move.setpoint else WORSE) * before:
                 return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""
 
@@ -119,14 +121,15 @@ class FlawTrial:
         """What a controller is best held to before an actuator that is slow; no limits before one that is not."""
         if not self._steps:
             return UNPACED
-        (step, _), rate = self._steps[0], self._flaws.rate
-        follows = step.setpoint * rate / (MOVE_SHARE * (self._room[1] - self._room[0]))
-        paces = [Pace(rate, share * follows) for share in RAMPS]
-        return min(paces, key=lambda pace: self._left(loop, pace & self._pace))
+        steps, loads = zip(*self._steps, strict=True)
+        control = min((load.rate for load in loads), key=lambda rate: self._left(loop, Pace(rate), loads))
+        follows = steps[0].setpoint * self._flaws.rate / (MOVE_SHARE * (self._room[1] - self._room[0]))
+        paces = [Pace(control, share * follows) for share in RAMPS]
+        return min(paces, key=lambda pace: self._left(loop, pace, steps))
 
-    def _left(self, loop: Loop, pace: Pace) -> float:
-        """Error after large steps of the setpoint, beside that of what runs, where it is largest."""
-        return max(self._error(loop, step, pace) / self._before[step] for step, _ in self._steps)
+    def _left(self, loop: Loop, pace: Pace, moves: Sequence[_Move]) -> float:
+        """Error after moves, beside that of what runs, where it is largest."""
+        return max(self._error(loop, move, pace & self._pace) / self._before[move] for move in moves)
 
     def _small_moves(self) -> list[_Move]:
         friction = self._flaws.friction

@@ -37,6 +37,8 @@ AHEAD, AHEAD_IN_NOISE, SHORT_WEIGHT = 0.8, 0.6, 2.0
 """Of the rule of the textbooks with the least load error on the learnt process: the share of that error, and of its
 movement, that is aimed at, which is known less well; and how much more than other errors it counts to leave or to
 move more than that."""
+BEATEN = 1.1
+"""Designs that leave so many times the rule's error may move the control as much as it does."""
 ALIKE = 1.2
 """Rules that leave up to so many times the least error after a load on the learnt process may leave the least on the
 plant."""
@@ -147,9 +149,9 @@ class LoopJudge:
         return min(self._rules, key=lambda rule: rule.load, default=None)
 
     def allow_the_noise_of_rules(self, found: Iterable[LoopWorth]) -> bool:
-        """Aim at no less movement than theirs, where designs that may be used miss the error aimed at; whether so."""
-        before = self.noise_gain_aim
-        if self.textbook and min((one.load for one in found), default=0.0) > self.load_aim:
+        """Aim at no less movement than theirs where designs that may be used leave clearly more error; whether so."""
+        before, least = self.noise_gain_aim, min((one.load for one in found), default=0.0)
+        if self.textbook and least > BEATEN * self.textbook.load:
             self._ahead_in_noise = 1.0
         return self.noise_gain_aim > before
 

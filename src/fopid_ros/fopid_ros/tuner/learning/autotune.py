@@ -247,8 +247,7 @@ class Autotuner:
     def _once_more(self, first: Outcome, began: float) -> Outcome:
         """A second round; where it comes to nothing, what the first came to stays, if the loop bears to be moved."""
         made, update = self._experiment, self._gain_update
-        aim = math.inf if first.held_back else MORE_MOVEMENT * first.noise_gain_aim
-        self._take_for(read_running_controller(self._client), made.reach, aim)
+        self._take_for(read_running_controller(self._client), made.reach, MORE_MOVEMENT * first.noise_gain_aim)
         self._experiment.latest = made.latest
         if not self._experiment.fits:
             self._experiment, self._gain_update = made, update
