@@ -206,8 +206,9 @@ def _flaw_trial(identified: IdentificationResult, judge: LoopJudge) -> FlawTrial
         return None
     running, process = judge.running, identified.best.process
     return FlawTrial(
-        process, identified.flaws, judge.sample_time, running.noise, judge.runs, running.control_room, running.pace
-    )
+        process, identified.flaws, judge.sample_time, running.noise, judge.runs, running.control_room, running.pace,
+        running.antiwindup,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

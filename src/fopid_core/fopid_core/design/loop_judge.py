@@ -20,7 +20,7 @@ from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
 from fopid_core.model.stability import stability
 from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
-from fopid_core.runtime.settings import UNPACED, Pace
+from fopid_core.runtime.settings import UNPACED, AntiWindup, Pace
 
 WORSE, BETTER = 1.05, 0.95
 """By which factor an index may grow, and to which both together must fall, so that new gains beat the old ones."""
@@ -67,8 +67,8 @@ class RunningGains:
         is allowed in any case.
     control_room : (float, float)
         Limits of the control, from where it rests.
-    pace : Pace
-        That the controller is held to.
+    pace, antiwindup
+        Of the controller.
     filter, weights
         Of the measurement and of the setpoint, that run with the gains.
     spectrum : NoiseSpectrum or None
@@ -89,6 +89,7 @@ class RunningGains:
     noise_gain_aim: float = math.inf
     control_room: tuple[float, float] = UNLIMITED
     pace: Pace = UNPACED
+    antiwindup: AntiWindup = "back_calculation"
 
 
 class LoopJudge:

@@ -445,13 +445,21 @@ def test_new_gains_are_watched_for_sixty_ticks_at_least(learnt: IdentificationRe
 
 
 def test_a_controller_in_manual_mode_is_not_tuned() -> None:
-    answers = dict.fromkeys((*GAINS, "sample_time", *LIMITS, *FILTER, *WEIGHTS, *PACE), 1.0) | {"mode": "manual"}
+    numbers = dict.fromkeys((*GAINS, "sample_time", *LIMITS, *FILTER, *WEIGHTS, *PACE), 1.0)
+    answers: dict[str, Any] = {**numbers, "mode": "manual", "antiwindup": "none"}
     client: Any = SimpleNamespace(get=lambda *names: [answers[name] for name in names])
     with pytest.raises(InputError, match="mode = 'manual'"):
         read_running_controller(client)
     answers["mode"] = "auto"
     assert read_running_controller(client) == RunningController(
-        Fopid(1.0, 1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 1.0, MeasurementFilter(1, 1.0), SetpointWeights(), Pace(1.0, 1.0)
+        Fopid(1.0, 1.0, 1.0, 1.0, 1.0),
+        1.0,
+        1.0,
+        1.0,
+        MeasurementFilter(1, 1.0),
+        SetpointWeights(),
+        Pace(1.0, 1.0),
+        "none",
     )
 
 

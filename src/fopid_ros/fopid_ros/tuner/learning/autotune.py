@@ -312,7 +312,8 @@ class Autotuner:
         self._learnt = slow, record
         process = slow.best.process
         before = Loop(process, now.gains, filter=now.filter, weights=now.weights)
-        trial = FlawTrial(process, slow.flaws, now.sample_time, rest.noise, before, now.room(rest.control), now.pace)
+        room = now.room(rest.control)
+        trial = FlawTrial(process, slow.flaws, now.sample_time, rest.noise, before, room, now.pace, now.antiwindup)
         new = Loop(process, tuning.controller, filter=tuning.filter, weights=tuning.weights)
         held = running.controller.pace
         if not trial.refusal(new, held):

@@ -23,7 +23,7 @@ from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
 from fopid_core.runtime.performance_monitor import LoopPerformance, MonitorSettings, PerformanceMonitor
-from fopid_core.runtime.settings import UNPACED, Pace
+from fopid_core.runtime.settings import UNPACED, AntiWindup, Pace
 from fopid_ros.tuner.controller_client import (
     FILTER,
     GAINS,
@@ -133,6 +133,7 @@ class RunningController:
         Of the measurement and of the setpoint.
     pace : Pace
         Of control and setpoint.
+    antiwindup : str
     """
 
     gains: Fopid
@@ -142,6 +143,7 @@ class RunningController:
     filter: MeasurementFilter = NO_FILTER
     weights: SetpointWeights = WHOLE_SETPOINT
     pace: Pace = UNPACED
+    antiwindup: AntiWindup = "back_calculation"
 
     @property
     def control_range(self) -> float:
@@ -171,17 +173,17 @@ def read_running_controller(client: ControllerClient) -> RunningController:
         If it does not answer, or is in manual mode.
     """
     *gains, sample_time, low, high, mode = client.get(*GAINS, "sample_time", "control_min", "control_max", "mode")
-    order, time, proportional, derivative, *pace = client.get(*FILTER, *WEIGHTS, *PACE)
+    order, time, proportional, derivative, *pace, antiwindup = client.get(*FILTER, *WEIGHTS, *PACE, "antiwindup")
     if mode != "auto":
         raise InputError(f"mode = {mode!r} of the controller; allowed: auto, since the loop stays closed")
     slow, weights = MeasurementFilter(order, time), SetpointWeights(proportional, derivative)
-    return RunningController(Fopid(*gains), sample_time, low, high, slow, weights, Pace(*pace))
+    return RunningController(Fopid(*gains), sample_time, low, high, slow, weights, Pace(*pace), antiwindup)
 
 
-def held_to(pace: Pace) -> str:
+def held_to(pace: Pace, moves: str = "moves", now: str = " now") -> str:
     """What is said of a pace that the actuator can follow."""
     return (
-        f"the actuator may be slow: the control moves by no more than {pace.control:.3g} a second now "
+        f"the actuator may be slow: the control {moves} by no more than {pace.control:.3g} a second{now} "
         f"(control_rate_max), the setpoint by {pace.setpoint:.3g} (setpoint_rate_max)"
     )
 
@@ -272,6 +274,7 @@ class GainUpdate:
             self._noise_gain_aim,
             now.room(control) if math.isfinite(control) else UNLIMITED,
             now.pace,
+            now.antiwindup,
         )
         only = None
         if slower is not None and found.best is not None:
@@ -281,7 +284,8 @@ class GainUpdate:
             lambda tuning: self._refused(tuning) or contradicted(tuning.controller, tuning.filter),
             every=every, only=only, tell=tell,
         )  # fmt: skip
-        told = "; ".join(filter(None, (str(found.flaws), doubt, improved.message)))
+        hurried = held_to(improved.pace, "is to move", "") if every and improved.pace != UNPACED else ""
+        told = "; ".join(filter(None, (str(found.flaws), doubt, improved.message, hurried)))
         improved = replace(improved, message=told)
         self._wait.report(Stage("verifying", 0.7, message=improved.message))
         outcome = Outcome(
