@@ -32,13 +32,13 @@ LOADS = (2.0, 20.0)
 MOVE_SHARE = 0.1
 """With a slow actuator steps are tried that take this share of the control's range."""
 WORSE, SETPOINT_WORSE = 1.05, 1.2
-"""By how much more error than what runs new gains may leave after a load, and after a large step of the setpoint, which
-is made a ramp before a slow actuator."""
+"""By how much more error than what runs new gains may leave; and after a large step of the setpoint, where that is made
+a ramp before a slow actuator."""
 KICK_SHARE = 0.5
 """That of the setpoint is not answered with more than this share of it, at the crossover of what runs."""
 SLOWER_YET = 0.7
 """An actuator may be so much slower than it was learnt to be: gains must be borne by that one as well."""
-RAMPS = (0.6, 0.4, 0.25, 0.15)
+RAMPS = (0.6, 0.4, 0.25, 0.15, 0.08)
 """Of what a slow actuator can follow: shares that the setpoint's ramp is tried with."""
 MOST_TICKS = 20_000
 _SEED = 1
@@ -115,7 +115,8 @@ class FlawTrial:
             error = self._error(loop, move, pace & self._pace)
             if math.isinf(error):
                 return f"{self._flaws}: after {move.told} the loop runs away"
-            if error > (SETPOINT_WORSE if move.setpoint else WORSE) * before:
+            is_ramp = bool(move.setpoint) and math.isfinite(pace.setpoint)
+            if error > (SETPOINT_WORSE if is_ramp else WORSE) * before:
                 return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""
 

@@ -115,7 +115,6 @@ class Autotuner:
         self._tap, self._client, self._request, self._wait = tap, client, request, wait
         self._updates: list[GainUpdate] = []
         self._learnt: tuple[IdentificationResult, Record] | None = None
-        self._learnt_since = math.inf
         self._take_for(read_running_controller(client), before)
         self._rest = self._experiment.loop
 
@@ -305,7 +304,7 @@ class Autotuner:
         tuning = outcome.tuned.tuning if outcome.tuned else None
         if self._learnt is None or tuning is None or tuning.controller is None or not math.isfinite(now.control_range):
             return None, ""
-        record = self._tap.history.record(self._learnt_since)
+        record = self._tap.history.record(self._tap.history.whole_since)
         slow = behind_slow_actuator(record, self._learnt[0], self._request.template, rest.unrest, possible=True)
         if slow is None or slow.best is None:
             return None, ""
@@ -394,7 +393,7 @@ class Autotuner:
             told = f"nothing was changed: {wrong}; record longer or with larger moves of the control"
             return Outcome(message=told, model=found.best, models=found.models)
         learnt = behind_slow_actuator(record, found, self._request.template, self._experiment.loop.unrest) or found
-        self._learnt, self._learnt_since = (learnt, record), began
+        self._learnt = learnt, record
         return self._designed(self._gain_update, learnt, record)
 
     def _designed(
