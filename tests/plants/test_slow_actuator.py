@@ -11,9 +11,16 @@ from foreign_plants.parts import Actuator, Plant, Sensor, State
 from judging import SEEDS, judge
 from virtual_loop import VirtualLoop
 
+from fopid_core.design.robust_verification import RobustLimits
+from fopid_core.design.specification import TuningRequest
+from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import Process
+from fopid_core.runtime.settings import Pace
+from fopid_ros.tuner.controller_client import RunningDesign
+from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
-from fopid_ros.tuner.learning.gain_update import read_running_controller
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome, read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.proof import Proof
 from fopid_ros.tuner.learning.reach import Reach
@@ -81,3 +88,39 @@ def test_a_loop_is_moved_up_to_half_of_what_is_allowed_before_it_is_believed(all
     assert made.prove(2.5) == ""
     moved = max(abs(true - loop.setpoint) for true in loop.trace.true[began:])
     assert furthest < moved < 0.75 * allowed
+
+
+class Deaf(VirtualLoop):
+    """Its controller does not hear of a pace alone."""
+
+    def hold(self, pace: Pace) -> None:
+        del pace
+        raise InputError("'fopid_controller' did not confirm")
+
+
+@pytest.mark.parametrize("hears", [True, False])
+def test_gains_that_need_a_pace_are_kept_with_it_or_not_at_all(hears: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, pace = (VirtualLoop if hears else Deaf)(VALVE, 1), Pace(7.0, 2.0)
+    before = loop.design()
+    new = RunningDesign(Fopid(6.2, 1.13, 10.3))
+    loop.run(60.0)
+    criteria = AcceptanceCriteria(TuningRequest(Process.parse("1/(s+1)")), RobustLimits(), 2.0)
+    request = AutotuneRequest(ExperimentSettings(), "all", criteria, False)
+    tuner = Autotuner(loop, loop, request, loop)  # type: ignore[arg-type]
+
+    def applied(self: Autotuner) -> Outcome:
+        update = self._gain_update
+        update._trial, update._previous = new, loop.apply(new, "trial")
+        self._experiment.measure()
+        return self._prove(Outcome(True, "applied", applied=True), update)
+
+    monkeypatch.setattr(Autotuner, "_run", applied)
+    monkeypatch.setattr(Proof, "prove", lambda *_: "")
+    monkeypatch.setattr(Autotuner, "_in_large_moves", lambda *_: (pace, ""))
+    if hears:
+        assert "(control_rate_max)" in tuner.run().message
+        assert (loop.gains(), loop.design().pace) == (new.gains, pace)
+    else:
+        with pytest.raises(InputError, match="did not confirm"):
+            tuner.run()
+        assert loop.design() == before

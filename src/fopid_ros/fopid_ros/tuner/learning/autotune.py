@@ -278,21 +278,25 @@ class Autotuner:
         if not outcome.applied:
             return outcome
         self._wait.begin_round("proof", (0.95, 1.0))
+        pace = None
         try:
             running = LoopBaseline(read_running_controller(self._client))
             asked, reach = self._request.experiment, self._experiment.reach
             proof = Proof(self._tap, self._wait, running, asked, reach, self._rest)
             proof.measure(borne)
             against = proof.prove(response_time(outcome))
-            pace, against = (None, against) if against else self._in_large_moves(outcome, running)
-            if pace is not None and not against:
-                self._client.hold(pace)
-                outcome = replace(outcome, message=f"{outcome.message}; {held_to(pace)}")
+            if not against:
+                pace, against = self._in_large_moves(outcome, running)
         except RestlessError as error:
             against = str(error)
         except InputError as error:
             return replace(outcome, message=f"{outcome.message}; not moved once more: {error}")
-        return self._taken_back(outcome, update, against) if against else outcome
+        if against:
+            return self._taken_back(outcome, update, against)
+        if pace is None:
+            return outcome
+        self._client.hold(pace)  # whoever does not hear that does not keep the gains
+        return replace(outcome, message=f"{outcome.message}; {held_to(pace)}")
 
     def _in_large_moves(self, outcome: Outcome, running: LoopBaseline) -> tuple[Pace | None, str]:
         """What speaks against new gains where the actuator is as slow as all that was heard leaves possible.
