@@ -153,11 +153,13 @@ class VirtualLoop:
 
     def apply(self, design: RunningDesign, status: str = "", certificate: str = "") -> RunningDesign:
         del certificate  # nobody here shows it
-        before, weights = self.design(), design.weights or self.design().weights
-        values = (design.gains, design.filter.order, design.filter.time, weights.proportional, weights.derivative)
-        self.set(**dict(zip(TUNED, values, strict=False)))
-        if design.pace is not None:
-            self.hold(design.pace)
+        before = self.design()
+        weights, pace = design.weights or before.weights, design.pace or before.pace
+        values = (
+            design.gains, design.filter.order, design.filter.time, weights.proportional, weights.derivative,
+            pace.control, pace.setpoint,
+        )  # fmt: skip
+        self.set(**dict(zip(TUNED, values, strict=True)))
         self.statuses.append(status)
         return before
 

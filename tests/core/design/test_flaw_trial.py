@@ -13,7 +13,7 @@ from fopid_core.design.identification.flaws import Flaws
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
-from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT
+from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, SetpointWeights
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.settings import UNPACED, Pace, as_designed
 
@@ -52,8 +52,8 @@ def test_gains_that_swing_for_ever_before_a_slow_actuator_are_refused_and_held_t
 
 
 @pytest.mark.parametrize("rate", [5.0, 7.0, 9.0])
-def test_so_it_is_in_a_simulation_that_shares_no_code_for_moves_of_either_size(trial: FlawTrial, rate: float) -> None:
-    """Also where the actuator is slower, or faster, than it was learnt to be."""
+def test_so_it_is_with_a_valve_and_a_plant_that_share_no_code(trial: FlawTrial, rate: float) -> None:
+    """Also where the actuator is slower, or faster, than it was learnt to be, and in larger moves than were tried."""
     assert swing(7.0, UNPACED, 10.0, 0.0) > 10.0
     pace = trial.pace(LIVELY)
     for setpoint, load in ((10.0, 0.0), (0.0, 10.0), (30.0, 0.0)):
@@ -77,3 +77,15 @@ def test_what_runs_is_tried_at_its_own_pace() -> None:
     )
     assert hurried.refusal(LIVELY) == ""
     assert held.refusal(LIVELY) == ""  # others are held to no more than what runs
+    slow_ramp = Pace(RATE, 0.15)
+    assert hurried.refusal(LIVELY, slow_ramp) == ""  # beside what swings
+    assert "after a setpoint step" in held.refusal(LIVELY, slow_ramp)
+
+
+def test_a_ramp_that_runs_already_excuses_no_further_error() -> None:
+    """Of a step of the setpoint: the fifth more is for a ramp that comes with the new gains."""
+    process, ramp = Process.parse("1/(7s+1)"), Pace(setpoint=1e6)
+    runs, other = (Loop(process, Fopid(kp=4.0, ki=4.0), weights=SetpointWeights(share, 1.0)) for share in (0.5, 0.9))
+    ramped = FlawTrial(process, Flaws(rate=50.0), TICK, 0.0, runs, ROOM, ramp)
+    assert "1.1 times the error of what runs is left" in ramped.refusal(other, ramp)
+    assert ramped.refusal(other, Pace(setpoint=1e5)) == ""  # as quick as before, within a tick

@@ -105,17 +105,18 @@ class FlawTrial:
         self._process, self._flaws, self._sample_time, self._room = process, flaws, sample_time, room
         self._ticks, self._pace, self._antiwindup = _ticks_until_rest(running, sample_time), pace, antiwindup
         self._noise = noise * np.random.default_rng(_SEED).standard_normal(self._ticks)
+        self._errors: dict[tuple[Loop, _Move, Pace], float] = {}
         self._steps = self._large_steps(running)
         moves = [*self._small_moves(), *(move for step in self._steps for move in step)]
-        self._before = {move: self._error(running, move, pace) for move in moves}
+        self._before = {move: self._error(running, move, UNPACED) for move in moves}
 
     def refusal(self, loop: Loop, pace: Pace = UNPACED) -> str:
         """Why gains may not be used at this pace; empty where they leave hardly more error than what runs."""
         for move, before in self._before.items():
-            error = self._error(loop, move, pace & self._pace)
+            error = self._error(loop, move, pace)
             if math.isinf(error):
                 return f"{self._flaws}: after {move.told} the loop runs away"
-            is_ramp = bool(move.setpoint) and math.isfinite(pace.setpoint)
+            is_ramp = bool(move.setpoint) and pace.setpoint < self._pace.setpoint
             if error > (SETPOINT_WORSE if is_ramp else WORSE) * before:
                 return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""
@@ -132,7 +133,7 @@ class FlawTrial:
 
     def _left(self, loop: Loop, pace: Pace, moves: Sequence[_Move]) -> float:
         """Error after moves, beside that of what runs, where it is largest."""
-        return max(self._error(loop, move, pace & self._pace) / self._before[move] for move in moves)
+        return max(self._error(loop, move, pace) / self._before[move] for move in moves)
 
     def _small_moves(self) -> list[_Move]:
         friction = self._flaws.friction
@@ -158,7 +159,14 @@ class FlawTrial:
         ]
 
     def _error(self, loop: Loop, move: _Move, pace: Pace) -> float:
-        """Sum of the absolute error after a move; infinite where it grows beyond numbers."""
+        """Sum of the absolute error after a move, at no more than this pace; each is simulated once."""
+        asked = loop, move, pace & self._pace
+        if asked not in self._errors:
+            self._errors[asked] = self._simulated(*asked)
+        return self._errors[asked]
+
+    def _simulated(self, loop: Loop, move: _Move, pace: Pace) -> float:
+        """The same; infinite where it grows beyond numbers."""
         low, high = self._room
         settings = as_designed(loop.controller, self._sample_time, loop.filter, loop.weights, pace)
         limited = replace(settings, control_min=low, control_max=high, antiwindup=self._antiwindup)
