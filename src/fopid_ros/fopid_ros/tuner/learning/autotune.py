@@ -44,7 +44,7 @@ LIVELIER = 5.0
 """Gains that act so many times as strongly as before, where a controller would, make a loop that works where the record
 of the loop before hardly shows the process."""
 MORE_MOVEMENT = 1.7
-"""What such a loop may aim at of the control's movement from noise, in what was aimed at before."""
+"""What a second round may aim at of the control's movement from noise, in what was aimed at before."""
 NO_TIME = "gains are to be had that hold the setpoint better, for which no time was left: autotune once more"
 """What is said instead of a second round."""
 RESTS = 4
@@ -85,7 +85,7 @@ class Autotuner:
 
     Where the record does not show the process's slow end, gains are held back. A second round follows then with them,
     and both rounds' signals are learnt from together. So it does where the gains are much livelier: such a loop shows
-    the process where it works, and is learnt from alone, with hardly more movement of the control than was aimed at.
+    the process where it works, and is learnt from alone. Either aims at hardly more movement of the control.
 
     References
     ----------

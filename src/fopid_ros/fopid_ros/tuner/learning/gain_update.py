@@ -284,8 +284,8 @@ class GainUpdate:
             lambda tuning: self._refused(tuning) or contradicted(tuning.controller, tuning.filter),
             every=every, only=only, tell=tell,
         )  # fmt: skip
-        hurried = held_to(improved.pace, "is to move", "") if every and improved.pace != UNPACED else ""
-        told = "; ".join(filter(None, (str(found.flaws), doubt, improved.message, hurried)))
+        paced = held_to(improved.pace, "is to move", "") if every and improved.pace != UNPACED else ""
+        told = "; ".join(filter(None, (str(found.flaws), doubt, improved.message, paced)))
         improved = replace(improved, message=told)
         self._wait.report(Stage("verifying", 0.7, message=improved.message))
         outcome = Outcome(
