@@ -24,7 +24,7 @@ from fopid_ros.tuner.learning.loop_wait import Stage
 
 TUNED = (
     "gains", "measurement_filter_order", "measurement_filter_time", "setpoint_weight", "derivative_setpoint_weight",
-    "control_rate_max", "setpoint_rate_max",
+    "control_rate_max", "setpoint_rate_max", "deadband",
 )  # fmt: skip
 
 
@@ -147,17 +147,18 @@ class VirtualLoop:
         return self.controller.settings.gains
 
     def design(self) -> RunningDesign:
-        gains, order, time, proportional, derivative, *pace = self.tuned_settings().values()
+        gains, order, time, proportional, derivative, *pace, deadband = self.tuned_settings().values()
         weights = SetpointWeights(proportional, derivative)
-        return RunningDesign(gains, MeasurementFilter(order, time), weights, Pace(*pace))
+        return RunningDesign(gains, MeasurementFilter(order, time), weights, Pace(*pace), deadband)
 
     def apply(self, design: RunningDesign, status: str = "", certificate: str = "") -> RunningDesign:
         del certificate  # nobody here shows it
         before = self.design()
         weights, pace = design.weights or before.weights, design.pace or before.pace
+        deadband = before.deadband if design.deadband is None else design.deadband
         values = (
             design.gains, design.filter.order, design.filter.time, weights.proportional, weights.derivative,
-            pace.control, pace.setpoint,
+            pace.control, pace.setpoint, deadband,
         )  # fmt: skip
         self.set(**dict(zip(TUNED, values, strict=True)))
         self.statuses.append(status)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from compare import autotuned
 from foreign_plants.gallery import GALLERY, Exhibit
@@ -11,6 +13,7 @@ from foreign_plants.parts import Actuator, Plant, Sensor, State
 from judging import SEEDS, judge
 from virtual_loop import VirtualLoop
 
+from fopid_core.design.identification.identify import behind_slow_actuator, identify
 from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.specification import TuningRequest
 from fopid_core.errors import InputError
@@ -22,7 +25,7 @@ from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome, read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
-from fopid_ros.tuner.learning.proof import Proof
+from fopid_ros.tuner.learning.proof import HURRIES, Proof
 from fopid_ros.tuner.learning.reach import Reach
 
 
@@ -88,6 +91,36 @@ def test_a_loop_is_moved_up_to_half_of_what_is_allowed_before_it_is_believed(all
     assert made.prove(2.5) == ""
     moved = max(abs(true - loop.setpoint) for true in loop.trace.true[began:])
     assert furthest < moved < 0.75 * allowed
+
+
+@pytest.mark.parametrize("rate", [7.0, 1e4])
+def test_a_few_strong_moves_show_how_fast_an_actuator_is_and_take_the_measurement_nowhere(rate: float) -> None:
+    class Valve(SlowValve):
+        def make_actuator(self) -> Actuator:
+            return Actuator(0.0, 100.0, rate=rate)
+
+    loop = VirtualLoop(replace(VALVE, plant=Valve), 1)
+    for added in (0.0, 1.0, -1.0, 1.0, 0.0, -1.0, 1.0, 0.0):
+        loop.inject(added)
+        loop.run(8.0)
+    learnt = identify(loop.history.record())
+    assert learnt.success, learnt.message
+    loop.set(gains=Fopid(6.2, 1.13, 10.3))
+    first = LoopBaseline(read_running_controller(loop))  # type: ignore[arg-type]
+    ClosedLoopExperiment(loop, loop, first, ExperimentSettings()).measure()  # type: ignore[arg-type]
+    baseline = LoopBaseline(read_running_controller(loop))  # type: ignore[arg-type]
+    made = Proof(loop, loop, baseline, ExperimentSettings(), Reach(0.08, 0.8, 0.4, 0.8), first)  # type: ignore[arg-type]
+    made.measure()
+    assert made.prove(2.5) == ""
+    began, since = len(loop.trace.true), loop.time
+    assert made.hurry(Process.parse("1/((7s+1)(1.5s+1))"), 2.5) == ""
+    assert max(abs(true - loop.setpoint) for true in loop.trace.true[began:]) < 0.8
+    moves = np.abs(np.diff(loop.history.record(since - 1.0).excitation))  # type: ignore[arg-type]
+    assert max(moves) == pytest.approx(10.0)  # a tenth of the control's range
+    assert np.count_nonzero(moves > 9.0) == 2 * HURRIES
+    slow = behind_slow_actuator(loop.history.record(), learnt, possible=True)
+    found = slow.flaws.rate if slow else math.inf
+    assert found == pytest.approx(rate, rel=0.15) if rate < 1e3 else found > 40.0
 
 
 class Deaf(VirtualLoop):

@@ -20,7 +20,8 @@ from fopid_core.runtime.settings import UNPACED, Pace, as_designed
 TICK, RATE, ROOM = 0.1, 7.0, (-50.0, 50.0)
 PROCESS = Process.parse("1/((7s+1)(1.5s+1))")
 START = Loop(PROCESS, Fopid(kp=4.0, ki=0.6))
-LIVELY = Loop(PROCESS, Fopid(kp=9.0, ki=3.0, kd=7.5))
+LIVELY = Loop(PROCESS, Fopid(kp=6.5, ki=1.95, kd=5.7))
+BY_A_HAIR = Loop(PROCESS, Fopid(kp=9.0, ki=3.0, kd=7.5))
 
 
 @pytest.fixture(scope="module")
@@ -28,9 +29,11 @@ def trial() -> FlawTrial:
     return FlawTrial(PROCESS, Flaws(rate=RATE), TICK, 0.0, START, ROOM)
 
 
-def swing(rate: float, pace: Pace, setpoint: float, load: float) -> float:
+def swing(
+    rate: float, pace: Pace, setpoint: float, load: float, gain: float = 1.0, gains: Fopid = LIVELY.controller
+) -> float:
     """How far the measurement still goes in the last quarter of 200 s, by explicit small steps."""
-    settings = as_designed(LIVELY.controller, TICK, NO_FILTER, WHOLE_SETPOINT, pace)
+    settings = as_designed(gains, TICK, NO_FILTER, WHOLE_SETPOINT, pace)
     controller = FopidController(replace(settings, control_min=ROOM[0], control_max=ROOM[1]))
     valve = first = second = 0.0
     seen = []
@@ -38,7 +41,7 @@ def swing(rate: float, pace: Pace, setpoint: float, load: float) -> float:
         control = controller.step(setpoint, second)
         for _ in range(20):
             valve += min(max(control - valve, -rate * TICK / 20), rate * TICK / 20)
-            first += TICK / 20 * (valve + load - first) / 7.0
+            first += TICK / 20 * (gain * (valve + load) - first) / 7.0
             second += TICK / 20 * (first - second) / 1.5
         seen.append(second)
     return float(np.ptp(seen[1500:]))
@@ -60,6 +63,30 @@ def test_so_it_is_with_a_valve_and_a_plant_that_share_no_code(trial: FlawTrial, 
         assert swing(rate, pace, setpoint, load) < 1e-3
 
 
+def test_gains_that_a_pace_holds_by_a_hair_are_refused(trial: FlawTrial) -> None:
+    """Where the process answers large moves twice as strongly they swing from limit to limit at that pace."""
+    pace = trial.pace(BY_A_HAIR)
+    assert "with 2 times the gain" in trial.refusal(BY_A_HAIR, pace)
+    assert swing(RATE, pace, 0.0, 10.0, gains=BY_A_HAIR.controller) < 1e-3
+    assert swing(RATE, pace, 0.0, 10.0, gain=2.0, gains=BY_A_HAIR.controller) > 10.0
+    for load, setpoint in ((0.0, 10.0), (10.0, 0.0)):
+        assert swing(RATE, trial.pace(LIVELY), setpoint, load, gain=2.0) < 1e-3
+
+
+def test_what_needs_no_pace_is_not_asked_for_more_gain() -> None:
+    trial = FlawTrial(PROCESS, Flaws(rate=1e4), TICK, 0.0, START, ROOM)
+    fragile = Loop(PROCESS, Fopid(kp=40.0, ki=30.0, kd=15.0))  # at twice the gain it runs away in small moves
+    assert trial.refusal(fragile) == ""
+
+
+def test_steps_as_small_as_a_dead_band_can_be_left_out() -> None:
+    play, weaker = Flaws(rate=1e4, dead_band=0.1, slip=0.0), Loop(PROCESS, Fopid(kp=3.9, ki=0.5))
+    assert "the actuator has play" in FlawTrial(PROCESS, play, TICK, 0.0, START, ROOM).refusal(weaker)
+    assert "a load of 2 times that" not in FlawTrial(PROCESS, play, TICK, 0.0, START, ROOM, large_only=True).refusal(
+        weaker
+    )
+
+
 def test_the_control_is_held_to_the_actuator_and_the_setpoint_to_what_it_can_follow(trial: FlawTrial) -> None:
     pace = trial.pace(LIVELY)
     assert pace.control == RATE
@@ -73,13 +100,13 @@ def test_nobody_is_held_to_a_pace_where_no_actuator_is_slow_or_no_limits_say_wha
 
 def test_what_runs_is_tried_at_its_own_pace() -> None:
     hurried, held = (
-        FlawTrial(PROCESS, Flaws(rate=RATE), TICK, 0.0, LIVELY, ROOM, pace) for pace in (UNPACED, Pace(RATE, 2.0))
+        FlawTrial(PROCESS, Flaws(rate=RATE), TICK, 0.0, BY_A_HAIR, ROOM, pace) for pace in (UNPACED, Pace(RATE, 2.0))
     )
-    assert hurried.refusal(LIVELY) == ""
-    assert held.refusal(LIVELY) == ""  # others are held to no more than what runs
+    assert hurried.refusal(BY_A_HAIR) == ""
+    assert held.refusal(BY_A_HAIR) == ""  # others are held to no more than what runs
     slow_ramp = Pace(RATE, 0.15)
-    assert hurried.refusal(LIVELY, slow_ramp) == ""  # beside what swings
-    assert "after a setpoint step" in held.refusal(LIVELY, slow_ramp)
+    assert hurried.refusal(BY_A_HAIR, Pace(setpoint=0.15)) == ""  # beside what swings
+    assert "after a setpoint step" in held.refusal(BY_A_HAIR, slow_ramp)
 
 
 def test_a_ramp_that_runs_already_excuses_no_further_error() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.settings import Pace
-from fopid_ros.tuner.controller_client import PACE, ControllerClient, RunningDesign
+from fopid_ros.tuner.controller_client import DEADBAND, PACE, ControllerClient, RunningDesign
 
 from ..conftest import Graph
 
@@ -24,13 +24,13 @@ def client_of(graph: Graph) -> ControllerClient:
     return ControllerClient(graph.node, CONTROLLER, background)
 
 
-def test_gains_filter_weights_and_pace_are_taken_and_put_back_all_at_once(graph: Graph) -> None:
-    graph.start(CONTROLLER, {"kp": 1.0, "ki": 0.5, "control_rate_max": 9.0})
+def test_gains_filter_weights_pace_and_deadband_are_taken_and_put_back_all_at_once(graph: Graph) -> None:
+    graph.start(CONTROLLER, {"kp": 1.0, "ki": 0.5, "control_rate_max": 9.0, "deadband": 0.01})
     graph.until(lambda: CONTROLLER in graph.node.get_node_names(), "the controller")
     client, changes = client_of(graph), graph.changes(CONTROLLER)
-    new = RunningDesign(Fopid(2.0, 1.0), MeasurementFilter(2, 0.1), SetpointWeights(0.5, 0.0), Pace(5.0, 2.0))
+    new = RunningDesign(Fopid(2.0, 1.0), MeasurementFilter(2, 0.1), SetpointWeights(0.5, 0.0), Pace(5.0, 2.0), 0.02)
     before = client.apply(new, "trial")
-    assert before.pace == Pace(9.0, math.inf)
+    assert (before.pace, before.deadband) == (Pace(9.0, math.inf), 0.01)
     assert client.design() == new
     client.confirm(new)
     client.apply(before)
@@ -38,6 +38,7 @@ def test_gains_filter_weights_and_pace_are_taken_and_put_back_all_at_once(graph:
     graph.until(lambda: sum("kp" in change for change in changes) == 2, "both changes")
     both = [change for change in changes if "kp" in change]
     assert [tuple(change[name] for name in PACE) for change in both] == [(5.0, 2.0), (9.0, math.inf)]
+    assert [change[DEADBAND] for change in both] == [0.02, 0.01]
 
 
 def test_gains_without_a_pace_leave_it_and_a_pace_leaves_the_gains(graph: Graph) -> None:
@@ -45,7 +46,7 @@ def test_gains_without_a_pace_leave_it_and_a_pace_leaves_the_gains(graph: Graph)
     graph.until(lambda: CONTROLLER in graph.node.get_node_names(), "the controller")
     client = client_of(graph)
     client.apply(RunningDesign(Fopid(2.0, 1.0)), "verified")
-    assert client.design().pace == Pace(9.0, math.inf)
+    assert (client.design().pace, client.design().deadband) == (Pace(9.0, math.inf), 0.0)
     client.hold(Pace(3.0, 1.0))
     assert client.design().gains == Fopid(2.0, 1.0)
     assert graph.get(CONTROLLER, *PACE) == [3.0, 1.0]

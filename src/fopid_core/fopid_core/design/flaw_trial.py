@@ -38,6 +38,9 @@ KICK_SHARE = 0.5
 """That of the setpoint is not answered with more than this share of it, at the crossover of what runs."""
 SLOWER_YET = 0.7
 """An actuator may be so much slower than it was learnt to be: gains must be borne by that one as well."""
+MORE_GAIN = 2.0
+"""A process may answer large moves so many times as strongly. At a pace, which takes phase of its own, gains must be
+borne then as well."""
 RAMPS = (0.6, 0.4, 0.25, 0.15, 0.08)
 """Of what a slow actuator can follow: shares that the setpoint's ramp is tried with."""
 MOST_TICKS = 20_000
@@ -46,12 +49,13 @@ _SEED = 1
 
 @dataclass(frozen=True)
 class _Move:
-    """A step of the setpoint or of the load, with an actuator that moves so far in a second."""
+    """A step of the setpoint or of the load, with an actuator that moves so far in a second, and so much more gain."""
 
     setpoint: float
     load: float
     rate: float
     told: str
+    gain: float = 1.0
 
 
 class FlawTrial:
@@ -76,6 +80,8 @@ class FlawTrial:
         Of the controller, with what runs; others are held to no more.
     antiwindup : str
         That of the controller.
+    large_only : bool
+        Whether steps as small as a dead band or friction are left out.
 
     Examples
     --------
@@ -101,18 +107,23 @@ class FlawTrial:
     def __init__(
         self, process: Process, flaws: Flaws, sample_time: float, noise: float, running: Loop,
         room: tuple[float, float] = UNLIMITED, pace: Pace = UNPACED, antiwindup: AntiWindup = "back_calculation",
+        large_only: bool = False,
     ) -> None:  # fmt: skip
         self._process, self._flaws, self._sample_time, self._room = process, flaws, sample_time, room
         self._ticks, self._pace, self._antiwindup = _ticks_until_rest(running, sample_time), pace, antiwindup
         self._noise = noise * np.random.default_rng(_SEED).standard_normal(self._ticks)
         self._errors: dict[tuple[Loop, _Move, Pace], float] = {}
         self._steps = self._large_steps(running)
-        moves = [*self._small_moves(), *(move for step in self._steps for move in step)]
+        moves = [] if large_only else self._small_moves()
+        moves += [move for step in self._steps for move in step]
         self._before = {move: self._error(running, move, UNPACED) for move in moves}
 
     def refusal(self, loop: Loop, pace: Pace = UNPACED) -> str:
         """Why gains may not be used at this pace; empty where they leave hardly more error than what runs."""
+        is_paced = pace & self._pace != self._pace
         for move, before in self._before.items():
+            if move.gain > 1.0 and not is_paced:
+                continue
             error = self._error(loop, move, pace)
             if math.isinf(error):
                 return f"{self._flaws}: after {move.told} the loop runs away"
@@ -152,11 +163,13 @@ class FlawTrial:
             setpoint = min(setpoint, KICK_SHARE * wide / answer)
         return [
             (
-                _Move(setpoint, 0.0, rate, f"a setpoint step of {setpoint:.2g}"),
-                _Move(0.0, load, rate, f"a load of {load:.2g}"),
+                _Move(setpoint, 0.0, share * self._flaws.rate, f"a setpoint step of {setpoint:.2g}{more}", gain),
+                _Move(0.0, load, share * self._flaws.rate, f"a load of {load:.2g}{more}", gain),
             )
-            for rate in (self._flaws.rate, SLOWER_YET * self._flaws.rate)
-        ]
+            for share, gain, more in (
+                (1.0, 1.0, ""), (SLOWER_YET, 1.0, ""), (1.0, MORE_GAIN, f" with {MORE_GAIN:g} times the gain"),
+            )
+        ]  # fmt: skip
 
     def _error(self, loop: Loop, move: _Move, pace: Pace) -> float:
         """Sum of the absolute error after a move, at no more than this pace; each is simulated once."""
@@ -181,7 +194,7 @@ class FlawTrial:
             control = controller.step(move.setpoint, plant.measurement + noise)
             at += min(max(control - at, -most), most)
             stem = self._flaws.stem(np.array([at]), stem)
-            plant.step(float(stem[0]), move.load)
+            plant.step(move.gain * float(stem[0]), move.gain * move.load)
             total += abs(move.setpoint - plant.measurement)
             if not total < 1e90:
                 return math.inf

@@ -173,14 +173,15 @@ def improve(
     compare, every = compare and only is None, every and only is None
     promising = _promising(identified, request, judge, tell) if compare or every else []
     fit = [one for one in promising if not one.refusal] if compare else []
-    for one in fit[:MOST_VERIFIED]:
-        if judge.best is not None and judge.best[0] <= one.score:
-            break
-        trial.make(one.wanted, one.tuning)
-    if judge.best is None:
+    trial.make_promising(fit[:MOST_VERIFIED])
+    if compare and not trial.is_done:
+        trial.make_slower(request)
+        trial.make_promising(fit[MOST_VERIFIED:])
+    if not trial.is_done:
+        asked_for = len(trial.made)
         trial.make_as_asked(request, only)
         if compare:
-            trial.make_slower(request)
+            trial.make_slower(request, asked_for)
     asked = judge.best
     if every:
         trial.make_others(promising)
@@ -247,6 +248,13 @@ class _Trial:
         """Whether there is a design that may be used."""
         return self.judge.best is not None
 
+    def make_promising(self, fit: Iterable[_Promise]) -> None:
+        """Make those that promise to be better than what there is, the best first."""
+        for one in fit:
+            if self.judge.best is not None and self.judge.best[0] <= one.score:
+                return
+            self.make(one.wanted, one.tuning)
+
     def make_as_asked(self, request: TuningRequest, first: TuningResult | None) -> None:
         """Make the design that was asked for, with less crossover where noise would move the control too much."""
         self.make(request, first)
@@ -254,10 +262,10 @@ class _Trial:
             for share in SLOWER:
                 self.make(replace(request, crossover=share * self.judge.crossover))
 
-    def make_slower(self, request: TuningRequest) -> None:
-        """Make the designs slower that the record forbids by least, until one may be used."""
+    def make_slower(self, request: TuningRequest, first: int = 0) -> None:
+        """Of the designs made, from that one on, make those slower that the record forbids by least, until one fits."""
         asked = first_request(self.identified, request)
-        forbidden = sorted((_distance(one.tuned), i) for i, one in enumerate(self.made))
+        forbidden = sorted((_distance(one.tuned), i) for i, one in enumerate(self.made[first:], first))
         for distance, i in forbidden[:MOST_SLOWED]:
             design = self.made[i].tuned.tuning
             if design is None or math.isinf(distance):
@@ -269,7 +277,7 @@ class _Trial:
     def calmed(self, chosen: RobustTuning) -> RobustTuning:
         """A design that was made, with weights that overshoot less where a step leaves no more error than what runs."""
         tuning = chosen.tuning
-        if tuning is None or tuning.method != "time":
+        if tuning is None:
             return chosen
         loop = loop_of(self.judge.process, tuning)
         held = replace(loop, process=as_held(loop.process, self.judge.sample_time))

@@ -21,6 +21,7 @@ GAINS = ("kp", "ki", "kd", "lam", "mu")
 FILTER = ("measurement_filter_order", "measurement_filter_time")
 WEIGHTS = ("setpoint_weight", "derivative_setpoint_weight")
 PACE = ("control_rate_max", "setpoint_rate_max")
+DEADBAND = "deadband"
 OF_ALL_JOINTS = ("sample_time", "mode")
 """Parameters of a controller of many joints that are not each joint's own."""
 ANSWER_TIME = 3.0
@@ -43,12 +44,15 @@ class RunningDesign:
         None leaves them as they are: they are not in the loop.
     pace : Pace or None
         Of control and setpoint; None leaves it as it is.
+    deadband : float or None
+        Errors up to this size count as none; None leaves it as it is.
     """
 
     gains: Fopid
     filter: MeasurementFilter = NO_FILTER
     weights: SetpointWeights | None = None
     pace: Pace | None = None
+    deadband: float | None = None
 
     @property
     def parameters(self) -> dict[str, float | int]:
@@ -57,7 +61,8 @@ class RunningDesign:
         found |= dict(zip(FILTER, (self.filter.order, self.filter.time), strict=True))
         if self.weights is not None:
             found |= dict(zip(WEIGHTS, (self.weights.proportional, self.weights.derivative), strict=True))
-        return found if self.pace is None else {**found, **_of_pace(self.pace)}
+        found |= _of_pace(self.pace) if self.pace is not None else {}
+        return found if self.deadband is None else {**found, DEADBAND: self.deadband}
 
     def is_same_loop(self, other: RunningDesign) -> bool:
         """Whether gains and filter are the same, whatever the setpoint weights."""
@@ -134,9 +139,9 @@ class ControllerClient:
 
     def design(self) -> RunningDesign:
         """What is in force."""
-        kp, ki, kd, lam, mu, order, time, b, c, control, setpoint = self.get(*GAINS, *FILTER, *WEIGHTS, *PACE)
+        kp, ki, kd, lam, mu, order, time, b, c, *pace, deadband = self.get(*GAINS, *FILTER, *WEIGHTS, *PACE, DEADBAND)
         gains, slow = Fopid(kp, ki, kd, lam, mu), MeasurementFilter(order, time)
-        return RunningDesign(gains, slow, SetpointWeights(b, c), Pace(control, setpoint))
+        return RunningDesign(gains, slow, SetpointWeights(b, c), Pace(*pace), deadband)
 
     def apply(self, design: RunningDesign, status: str = "", certificate: str = "") -> RunningDesign:
         """Hand over a design: the controller swaps all of it between two ticks; what it ran before.

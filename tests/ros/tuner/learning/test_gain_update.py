@@ -25,7 +25,7 @@ from fopid_core.model.process import read_process
 from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.performance_monitor import PerformanceMeter
 from fopid_core.runtime.settings import UNPACED, Pace
-from fopid_ros.tuner.controller_client import FILTER, GAINS, PACE, WEIGHTS, RunningDesign, UnconfirmedError
+from fopid_ros.tuner.controller_client import DEADBAND, FILTER, GAINS, PACE, WEIGHTS, RunningDesign, UnconfirmedError
 from fopid_ros.tuner.learning import gain_update as gain_update_module
 from fopid_ros.tuner.learning.gain_update import (
     AcceptanceCriteria,
@@ -116,9 +116,9 @@ def learnt() -> IdentificationResult:
 
 def handover_of(
     running: Running, delay_margin_min: float = 2.0, sample_time: float = SAMPLE_TIME, certify: bool = False,
-    pace: Pace = UNPACED,
+    pace: Pace = UNPACED, deadband: float = 0.0,
 ) -> GainUpdate:  # fmt: skip
-    controller = RunningController(OLD.gains, sample_time, -math.inf, math.inf, pace=pace)
+    controller = RunningController(OLD.gains, sample_time, -math.inf, math.inf, pace=pace, deadband=deadband)
     criteria = AcceptanceCriteria(TuningRequest(read_process("P1")), RobustLimits(), delay_margin_min, certify)
     loop: Any = running
     return GainUpdate(loop, loop, loop, controller, criteria)
@@ -445,7 +445,7 @@ def test_new_gains_are_watched_for_sixty_ticks_at_least(learnt: IdentificationRe
 
 
 def test_a_controller_in_manual_mode_is_not_tuned() -> None:
-    numbers = dict.fromkeys((*GAINS, "sample_time", *LIMITS, *FILTER, *WEIGHTS, *PACE), 1.0)
+    numbers = dict.fromkeys((*GAINS, "sample_time", *LIMITS, *FILTER, *WEIGHTS, *PACE, DEADBAND), 1.0)
     answers: dict[str, Any] = {**numbers, "mode": "manual", "antiwindup": "none"}
     client: Any = SimpleNamespace(get=lambda *names: [answers[name] for name in names])
     with pytest.raises(InputError, match="mode = 'manual'"):
@@ -460,6 +460,7 @@ def test_a_controller_in_manual_mode_is_not_tuned() -> None:
         SetpointWeights(),
         Pace(1.0, 1.0),
         "none",
+        1.0,
     )
 
 
@@ -468,9 +469,10 @@ def test_a_control_at_a_limit_is_saturated(control: float, saturated: bool) -> N
     assert RunningController(OLD.gains, SAMPLE_TIME, -1.0, 1.0).saturated(control) == saturated
 
 
-def test_what_runs_is_gains_filter_weights_and_pace() -> None:
-    controller = RunningController(OLD.gains, SAMPLE_TIME, -1.0, 1.0, OLD.filter, OLD.weights, Pace(3.0, 2.0))
-    assert controller.running == replace(OLD, pace=Pace(3.0, 2.0))
+def test_what_runs_is_gains_filter_weights_pace_and_deadband() -> None:
+    pace = Pace(3.0, 2.0)
+    controller = RunningController(OLD.gains, SAMPLE_TIME, -1.0, 1.0, OLD.filter, OLD.weights, pace, deadband=0.1)
+    assert controller.running == replace(OLD, pace=pace, deadband=0.1)
 
 
 @pytest.mark.parametrize(
@@ -484,6 +486,17 @@ def test_a_controller_is_held_to_what_its_actuator_can_follow_and_never_hurried(
     tried = handover_of(running, pace=now).apply_and_monitor(replace(outcome, pace=Pace(5.0, 2.0)), quiet(), 0.01, 2.0)
     assert [design.pace for design in running.applied] == [sent]
     assert ("(control_rate_max)" in tried.message) == (sent is not None)
+
+
+@pytest.mark.parametrize(("now", "sent"), [(0.0, 0.25), (0.2, 0.25), (0.25, None), (0.5, None)])
+def test_what_the_steps_of_a_sensor_hide_counts_as_none_and_no_deadband_is_made_less(
+    learnt: IdentificationResult, now: float, sent: float | None
+) -> None:
+    running = Running(lambda _: 1.0)
+    _, outcome = handed_over(running, learnt)
+    tried = handover_of(running, deadband=now).apply_and_monitor(replace(outcome, deadband=0.25), quiet(), 0.01, 2.0)
+    assert [design.deadband for design in running.applied] == [sent]
+    assert ("errors up to 0.25 count as none (deadband)" in tried.message) == (sent is not None)
 
 
 def test_the_range_of_the_control_is_between_its_limits() -> None:

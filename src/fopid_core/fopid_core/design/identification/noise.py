@@ -17,6 +17,8 @@ _BLOCKS, _SHORTEST, _LONGEST = 20, 16, 200
 _STILL = 1.5
 """A block rests when it spreads by no more than so many times its noise."""
 _WHOLE = 1e-3
+_NOTHING_ELSE = 1.05
+"""Noise of no more than so many times what steps make is made by them."""
 _FEWEST, _LEVEL = 100, 1.2
 """So many samples show a spectrum; they rest where a line through them takes no more of their spread than that."""
 
@@ -127,3 +129,24 @@ def resolution(values: Floats) -> float:
     moving = np.flatnonzero(moves)
     straight = np.ptp(moves[moving[0] : moving[-1] + 1]) <= _WHOLE * step  # a line is no staircase
     return 0.0 if straight else step
+
+
+def hidden_by_steps(values: Floats, noise: float) -> float:
+    """How far a signal may be off without showing it: half of its step, where there is no noise beside that; else 0.
+
+    Noise makes it go from step to step, and so shows on the average what is less than one.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    noise : float
+        Standard deviation at rest, quantisation included.
+
+    Examples
+    --------
+    >>> moved = np.array([0.5, 0.75, 0.5, 1.25, 1.0, 0.5])
+    >>> hidden_by_steps(moved, noise=0.0722), hidden_by_steps(moved, noise=0.1)
+    (0.125, 0.0)
+    """
+    step = resolution(values)
+    return 0.5 * step if noise <= _NOTHING_ELSE * step / math.sqrt(12.0) else 0.0

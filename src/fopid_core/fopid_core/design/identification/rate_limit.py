@@ -8,6 +8,7 @@ there is, if any.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +33,9 @@ POSSIBLE, EXCLUDED = 4.0, 15.0
 that is tried knows nothing of actuators."""
 SHORTER = (1.0, 0.2)
 """A delay learnt without a limit holds what a slow actuator takes: fits begin with it, and with that share of it."""
-_CELLS, _EVALUATIONS, _TOLERANCE = 2048, 12, 1e-4
+FINE = 1.12
+"""Ratio of the limits that are looked at first, with few evaluations each."""
+_CELLS, _EVALUATIONS, _FIRST_LOOK, _TOLERANCE = 2048, 12, 3, 1e-4
 
 
 def rate_limit_of(record: Record, learnt: IdentifiedModel, speaks: float = SPEAKS) -> Flaws | None:
@@ -53,8 +56,10 @@ def rate_limit_of(record: Record, learnt: IdentifiedModel, speaks: float = SPEAK
     moved = float(np.ptp(record.control))
     if not moved or learnt.structure.runs_away:
         return None
-    rates = moved / np.geomspace(record.sample_time, 0.25 * record.span, RATES)
-    tried = _behind(record, learnt, np.append(rates, math.inf))
+    fastest, slowest = moved / record.sample_time, moved / (0.25 * record.span)
+    rates = np.geomspace(fastest, slowest, RATES)
+    scanned = np.geomspace(fastest, slowest, math.ceil(math.log(fastest / slowest) / math.log(FINE)) + 2)
+    tried = _behind(record, learnt, np.concatenate([rates, _dips(record, learnt, scanned), [math.inf]]))
     if _lost(tried, math.inf) < speaks or _lost(tried, min(tried)) <= EXCLUDED:
         return None
     best = min(tried, key=lambda rate: tried[rate].error)
@@ -79,17 +84,28 @@ def _lost(tried: dict[float, Fit], rate: float) -> float:
     return gained(tried[rate], min(tried.values(), key=lambda found: found.error))
 
 
-def _behind(record: Record, learnt: IdentifiedModel, rates: Floats) -> dict[float, Fit]:
-    """The structure, fitted to what actuators with these limits let through."""
+def _dips(record: Record, learnt: IdentifiedModel, rates: Floats) -> Floats:
+    """Of these limits those that explain more than both their neighbours: strong moves tell the right one sharply."""
+    scanned = _behind(record, learnt, rates, (SHORTER[1],), _FIRST_LOOK)
+    error = np.array([scanned[rate].error for rate in rates.tolist()])
+    inner = (error[1:-1] < error[:-2]) & (error[1:-1] < error[2:])
+    return rates[1:-1][inner]
+
+
+def _behind(
+    record: Record, learnt: IdentifiedModel, rates: Floats, delays: Sequence[float] = SHORTER,
+    evaluations: int = _EVALUATIONS,
+) -> dict[float, Fit]:  # fmt: skip
+    """The structure, fitted to what actuators with these limits let through, from such shares of its delay on."""
     others = replace(learnt.flaws, rate=math.inf)
     return {
-        rate: _fitted(others.of_record(replace(record, control=felt)), learnt)
+        rate: _fitted(others.of_record(replace(record, control=felt)), learnt, delays, evaluations)
         for rate, felt in zip(rates.tolist(), slewed(record.time, record.control, rates), strict=True)
     }
 
 
-def _fitted(seen: Record, learnt: IdentifiedModel) -> Fit:
+def _fitted(seen: Record, learnt: IdentifiedModel, delays: Sequence[float], evaluations: int) -> Fit:
     response = RecordResponse(seen, learnt.structure, learnt.start, _CELLS)
     rows = np.ones(response.time.size, dtype=bool)
-    begins = [np.append(learnt.fitted.x[:-1], share * learnt.fitted.x[-1]) for share in SHORTER]
-    return min((fit(response, begin, rows, _EVALUATIONS, _TOLERANCE) for begin in begins), key=lambda one: one.error)
+    begins = [np.append(learnt.fitted.x[:-1], share * learnt.fitted.x[-1]) for share in delays]
+    return min((fit(response, begin, rows, evaluations, _TOLERANCE) for begin in begins), key=lambda one: one.error)

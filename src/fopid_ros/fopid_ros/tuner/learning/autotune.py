@@ -10,6 +10,7 @@ from functools import partial
 from fopid_core.design.flaw_trial import FlawTrial
 from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identify import IdentificationResult, behind_slow_actuator, identify
+from fopid_core.design.identification.noise import hidden_by_steps
 from fopid_core.design.identification.record import Record
 from fopid_core.design.response_verification import contradicts_rest
 from fopid_core.design.specification import TuningResult
@@ -287,6 +288,9 @@ class Autotuner:
             against = proof.prove(response_time(outcome))
             if not against:
                 pace, against = self._in_large_moves(outcome, running)
+            if pace is not None and outcome.model is not None:  # a few strong moves may show that it is quick after all
+                against = proof.hurry(outcome.model.process, response_time(outcome))
+                pace, against = (None, against) if against else self._in_large_moves(outcome, running)
         except RestlessError as error:
             against = str(error)
         except InputError as error:
@@ -316,7 +320,9 @@ class Autotuner:
         process = slow.best.process
         before = Loop(process, now.gains, filter=now.filter, weights=now.weights)
         room = now.room(rest.control)
-        trial = FlawTrial(process, slow.flaws, now.sample_time, rest.noise, before, room, now.pace, now.antiwindup)
+        trial = FlawTrial(
+            process, slow.flaws, now.sample_time, rest.noise, before, room, now.pace, now.antiwindup, large_only=True
+        )
         new = Loop(process, tuning.controller, filter=tuning.filter, weights=tuning.weights)
         held = running.controller.pace
         if not trial.refusal(new, held):
@@ -408,7 +414,7 @@ class Autotuner:
         loop, every = self._experiment.loop, self._request.propose_only
         # A livelier loop answers the noise, which looks like more of it: what was least is nearest to the sensor's own.
         sensor = min(self._rest.sensor, loop.sensor, key=lambda seen: seen.level)
-        return update.design(
+        outcome = update.design(
             found,
             sensor,
             loop.control_peak,
@@ -418,6 +424,8 @@ class Autotuner:
             record=record,
             slower=slower,
         )
+        # Between two steps an integral moves the control for ever, and a derivative makes it jump at each.
+        return replace(outcome, deadband=hidden_by_steps(record.measurement, self._rest.noise))
 
     def _try_out(self, trial: Trial) -> Outcome:
         asked = Outcome(success=True, message=f"{trial.design.gains} as asked")

@@ -25,6 +25,7 @@ from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementF
 from fopid_core.runtime.performance_monitor import LoopPerformance, MonitorSettings, PerformanceMonitor
 from fopid_core.runtime.settings import UNPACED, AntiWindup, Pace
 from fopid_ros.tuner.controller_client import (
+    DEADBAND,
     FILTER,
     GAINS,
     PACE,
@@ -98,6 +99,7 @@ class Outcome:
     held_back: bool = False
     noise_gain_aim: float = math.inf
     pace: Pace = UNPACED
+    deadband: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,7 @@ class RunningController:
     pace : Pace
         Of control and setpoint.
     antiwindup : str
+    deadband : float
     """
 
     gains: Fopid
@@ -144,6 +147,7 @@ class RunningController:
     weights: SetpointWeights = WHOLE_SETPOINT
     pace: Pace = UNPACED
     antiwindup: AntiWindup = "back_calculation"
+    deadband: float = 0.0
 
     @property
     def control_range(self) -> float:
@@ -157,7 +161,7 @@ class RunningController:
     @property
     def running(self) -> RunningDesign:
         """The gains with the filter and the weights they run with."""
-        return RunningDesign(self.gains, self.filter, self.weights, self.pace)
+        return RunningDesign(self.gains, self.filter, self.weights, self.pace, self.deadband)
 
     def saturated(self, control: float) -> bool:
         """Whether a control is at a limit."""
@@ -173,11 +177,12 @@ def read_running_controller(client: ControllerClient) -> RunningController:
         If it does not answer, or is in manual mode.
     """
     *gains, sample_time, low, high, mode = client.get(*GAINS, "sample_time", "control_min", "control_max", "mode")
-    order, time, proportional, derivative, *pace, antiwindup = client.get(*FILTER, *WEIGHTS, *PACE, "antiwindup")
+    order, time, proportional, derivative, *pace = client.get(*FILTER, *WEIGHTS, *PACE)
+    antiwindup, deadband = client.get("antiwindup", DEADBAND)
     if mode != "auto":
         raise InputError(f"mode = {mode!r} of the controller; allowed: auto, since the loop stays closed")
     slow, weights = MeasurementFilter(order, time), SetpointWeights(proportional, derivative)
-    return RunningController(Fopid(*gains), sample_time, low, high, slow, weights, Pace(*pace), antiwindup)
+    return RunningController(Fopid(*gains), sample_time, low, high, slow, weights, Pace(*pace), antiwindup, deadband)
 
 
 def held_to(pace: Pace, moves: str = "moves", now: str = " now") -> str:
@@ -186,6 +191,11 @@ def held_to(pace: Pace, moves: str = "moves", now: str = " now") -> str:
         f"the actuator may be slow: the control {moves} by no more than {pace.control:.3g} a second{now} "
         f"(control_rate_max), the setpoint by {pace.setpoint:.3g} (setpoint_rate_max)"
     )
+
+
+def counting_as_none(deadband: float) -> str:
+    """What is said of errors that the steps of the sensor hide."""
+    return f"errors up to {deadband:.3g} count as none (deadband), half a step of the measurement"
 
 
 def response_time(outcome: Outcome) -> float:
@@ -348,7 +358,8 @@ class GainUpdate:
         chosen = None if design.filter.is_idle and design.weights == WHOLE_SETPOINT else design.weights
         pace = outcome.pace & self._controller.pace
         changed = pace if pace != self._controller.pace else None
-        whole = RunningDesign(design.controller, design.filter, chosen, changed)  # as it was verified
+        deadband = outcome.deadband if outcome.deadband > self._controller.deadband else None
+        whole = RunningDesign(design.controller, design.filter, chosen, changed, deadband)  # as it was verified
         trial = Trial(whole, response_time(outcome))
         return self.try_out(trial, outcome, before, residual_transient, error_factor, outside)
 
@@ -372,6 +383,7 @@ class GainUpdate:
             self._client.confirm(self._trial)
             told = f"{outcome.message}; applied with {trial.design.filter}, watched: {watch.reason}"
             told += f"; {held_to(trial.design.pace)}" if trial.design.pace else ""
+            told += f"; {counting_as_none(trial.design.deadband)}" if trial.design.deadband else ""
             return replace(applied, message=told)
         self.roll_back()
         return replace(applied, success=False, applied=False, rolled_back=True,

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+from fopid_core.model.process import Process
+from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.excitation import Excitation
+from fopid_core.runtime.plant import PlantSettings
 from fopid_ros.tuner.learning.closed_loop_experiment import (
     MOST_LARGER,
     MOST_SHARE,
@@ -27,9 +30,18 @@ SWING_SHARE, DYING = 0.25, 0.7
 time before, does not come to rest."""
 PROVED_SHARE, WORTH_A_MOVE = 0.5, 1.5
 """How far of the allowed deviation it is moved in the end, and from which factor on once more for that."""
+HURRIES, SHORTEST_TICKS, MOST_TICKS = 4, 3, 20_000
+"""So many moves, of so many ticks at least, show how fast the actuator is; after one so many are looked at, at most."""
 RESTLESS = 3.0
 """A loop whose measurement spreads at rest by so many times what it did before hunts: a good loop makes at most twice
 its noise of it (max |S|)."""
+
+
+def _peak_of_a_kick(process: Process, sample_time: float, ticks: int) -> float:
+    """How far a process goes within some ticks after its control was moved by 1 for one of them."""
+    plant = plant_of(PlantSettings(process, sample_time, delay_model="exact"))
+    moves = [1.0, *[0.0] * min(ticks, MOST_TICKS)]
+    return max(abs(plant.step(move)) for move in moves)
 
 
 class Proof(ClosedLoopExperiment):
@@ -75,6 +87,33 @@ class Proof(ClosedLoopExperiment):
                 break
             against = self._moved(larger * self._amplitude, hold)
         return against or self._hunts()
+
+    def hurry(self, process: Process, response_time: float) -> str:
+        """Show how fast the actuator is: moves as large as any, too short to take the measurement far.
+
+        Parameters
+        ----------
+        process : Process
+            As it was learnt; it says how short.
+        response_time : float
+            Of the loop [s].
+
+        Returns
+        -------
+        str
+            As of ``prove``.
+        """
+        tick, most = self.loop.controller.sample_time, self._most()
+        window = max(PROVED_RESPONSES * response_time, self.rest_window)
+        kick = _peak_of_a_kick(process, tick, math.ceil(window / tick))
+        room = PROVED_SHARE * self.loop.deviation_max / max(kick, 1e-300)  # in ticks, for a unit move
+        wanted, against = min(most, room / SHORTEST_TICKS), ""
+        made = 0
+        while made < HURRIES and not against:
+            amplitude = min(wanted, MOST_LARGER * self._amplitude)
+            against = self._moved(amplitude, min(room / amplitude * tick, response_time)) or self._swings_on(window)
+            made += amplitude == wanted
+        return against
 
     def _moved_as_before(self, hold: float) -> str:
         """Find, from below, what moves the measurement as far as before; why a move was broken off."""

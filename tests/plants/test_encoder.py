@@ -1,0 +1,65 @@
+"""Between two lines of an encoder a loop moves its control for ever, unless what the lines hide counts as none."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from compare import autotuned
+from foreign_plants.gallery import GALLERY
+from foreign_plants.motion import MotorPosition
+from foreign_plants.parts import Sensor
+from virtual_loop import VirtualLoop
+
+from fopid_core.design.identification.noise import hidden_by_steps
+from fopid_core.model.fopid import Fopid
+
+MOTOR, STEP = GALLERY["motor_position"], 2.0 * math.pi / 4096.0
+
+
+class NoisyMotor(MotorPosition):
+    """With a potentiometer of twelve bits for the encoder."""
+
+    def make_sensor(self) -> Sensor:
+        return Sensor(noise=STEP, step=STEP)
+
+
+@pytest.mark.parametrize(("move", "load"), [(0.5, 0.3), (0.37, -0.2), (0.62, 0.45)])
+def test_a_deadband_of_half_a_line_ends_the_chatter_for_hardly_more_error(move: float, load: float) -> None:
+    seen = []
+    for deadband in (0.0, 0.5 * STEP):
+        loop = VirtualLoop(MOTOR)
+        loop.set(
+            gains=Fopid(11.5, 290.0, 0.04), measurement_filter_order=2, measurement_filter_time=4e-4,
+            setpoint_weight=0.4, derivative_setpoint_weight=0.0, deadband=deadband,
+        )  # fmt: skip
+        loop.setpoint += move
+        loop.run(1.0)
+        loop.plant.load = load
+        _, setpoint, true, control = loop.trace.part(loop.run(2.0))
+        seen.append((np.abs(np.diff(control)).sum(), np.abs(setpoint - true)[-500:].mean()))
+    (chatter, _), (calm, error) = seen
+    assert calm < 0.6 * chatter
+    assert error < STEP
+
+
+@pytest.mark.parametrize(("plant", "hidden"), [(MotorPosition, 0.5 * STEP), (NoisyMotor, 0.0)])
+def test_steps_hide_nothing_where_there_is_more_noise(plant: type[MotorPosition], hidden: float) -> None:
+    loop = VirtualLoop(replace(MOTOR, plant=plant), 3)
+    loop.run(1.0)
+    noise = float(np.std(loop.history.newest_values("measurement", 500)))
+    loop.setpoint += 0.2
+    loop.run(1.0)
+    assert hidden_by_steps(loop.history.newest_values("measurement", 1000), noise) == pytest.approx(hidden)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_autotuning_a_motor_behind_an_encoder_sets_it() -> None:
+    """21 of the control's movement without, 0.13 of the load's error of SIMC's PID, which moves it by 17."""
+    found = autotuned("motor_position")
+    assert "count as none (deadband), half a step of the measurement" in found.note
+    assert found.seen.load < 0.0025
+    assert found.seen.variation < 14.0
