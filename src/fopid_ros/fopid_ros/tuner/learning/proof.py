@@ -111,9 +111,10 @@ class Proof(ClosedLoopExperiment):
         made = 0
         while made < HURRIES and not against:
             amplitude = min(wanted, MOST_LARGER * self._amplitude)
-            against = self._moved(amplitude, min(room / amplitude * tick, response_time)) or self._swings_on(window)
+            against = self._moved(amplitude, min(room / amplitude * tick, response_time))
+            self._watched(PROVED_RESPONSES * response_time)
             made += amplitude == wanted
-        return against
+        return against or self._swings_on(window)
 
     def _moved_as_before(self, hold: float) -> str:
         """Find, from below, what moves the measurement as far as before; why a move was broken off."""
