@@ -56,10 +56,12 @@ def rate_limit_of(record: Record, learnt: IdentifiedModel, speaks: float = SPEAK
     moved = float(np.ptp(record.control))
     if not moved or learnt.structure.runs_away:
         return None
-    fastest, slowest = moved / record.sample_time, moved / (0.25 * record.span)
-    rates = np.geomspace(fastest, slowest, RATES)
-    scanned = np.geomspace(fastest, slowest, math.ceil(math.log(fastest / slowest) / math.log(FINE)) + 2)
-    tried = _behind(record, learnt, np.concatenate([rates, _dips(record, learnt, scanned), [math.inf]]))
+    shortest, longest = record.sample_time, 0.25 * record.span
+    rates = moved / np.geomspace(shortest, longest, RATES)
+    if speaks == 0.0:
+        scanned = moved / np.geomspace(shortest, longest, math.ceil(math.log(longest / shortest) / math.log(FINE)) + 2)
+        rates = np.append(rates, _dips(record, learnt, scanned))
+    tried = _behind(record, learnt, np.append(rates, math.inf))
     if _lost(tried, math.inf) < speaks or _lost(tried, min(tried)) <= EXCLUDED:
         return None
     best = min(tried, key=lambda rate: tried[rate].error)
@@ -85,7 +87,12 @@ def _lost(tried: dict[float, Fit], rate: float) -> float:
 
 
 def _dips(record: Record, learnt: IdentifiedModel, rates: Floats) -> Floats:
-    """Of these limits those that explain more than both their neighbours: strong moves tell the right one sharply."""
+    """Of these limits those that explain more than both their neighbours: strong moves tell the right one sharply.
+
+    Not where there is dry friction, which takes long to follow through each of them.
+    """
+    if learnt.flaws.friction:
+        return np.empty(0)
     scanned = _behind(record, learnt, rates, (SHORTER[1],), _FIRST_LOOK)
     error = np.array([scanned[rate].error for rate in rates.tolist()])
     inner = (error[1:-1] < error[:-2]) & (error[1:-1] < error[2:])
