@@ -38,9 +38,9 @@ KICK_SHARE = 0.5
 """That of the setpoint is not answered with more than this share of it, at the crossover of what runs."""
 SLOWER_YET = 0.7
 """An actuator may be so much slower than it was learnt to be: gains must be borne by that one as well."""
-MORE_GAIN = 2.0
-"""A process may answer large moves so many times as strongly. At a pace, which takes phase of its own, gains must be
-borne then as well."""
+MORE_GAIN, MOST_LEFT = 2.0, 2.0
+"""A process may answer large moves so many times as strongly. At a pace, which takes phase of its own, gains must not
+swing then either, which leaves many times the error of what runs."""
 RAMPS = (0.6, 0.4, 0.25, 0.15, 0.08)
 """Of what a slow actuator can follow: shares that the setpoint's ramp is tried with."""
 MOST_TICKS = 20_000
@@ -94,12 +94,12 @@ class FlawTrial:
     'the actuator has play within 0.1: after a load of 2 times that 2 times the error of what runs is left'
     >>> process, slow = Process.parse("1/((7s+1)(0.3s+1))"), Flaws(rate=7.0)
     >>> trial = FlawTrial(process, slow, 0.1, 0.0, Loop(process, Fopid(kp=4.0, ki=0.6)), (-50.0, 50.0))
-    >>> lively = Loop(process, Fopid(kp=17.0, ki=15.0, kd=1.5))
+    >>> lively = Loop(process, Fopid(kp=12.0, ki=8.0, kd=1.0))
     >>> trial.refusal(lively)
-    'the actuator may be as slow as 7 a second: after a setpoint step of 9.2 9 times the error of what runs is left'
+    'the actuator may be as slow as 7 a second: after a setpoint step of 9.2 10 times the error of what runs is left'
     >>> pace = trial.pace(lively)
-    >>> round(pace.control, 2), round(pace.setpoint, 2)  # the slower of what it may be leaves less of a load
-    (4.9, 0.96)
+    >>> round(pace.control, 2), round(pace.setpoint, 2)
+    (7.0, 0.96)
     >>> trial.refusal(lively, pace)
     ''
     """
@@ -127,10 +127,15 @@ class FlawTrial:
             error = self._error(loop, move, pace)
             if math.isinf(error):
                 return f"{self._flaws}: after {move.told} the loop runs away"
-            is_ramp = bool(move.setpoint) and pace.setpoint < self._pace.setpoint
-            if error > (SETPOINT_WORSE if is_ramp else WORSE) * before:
+            if error > self._allowed(move, pace) * before:
                 return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""
+
+    def _allowed(self, move: _Move, pace: Pace) -> float:
+        """How many times the error of what runs may be left."""
+        if move.gain > 1.0:
+            return MOST_LEFT
+        return SETPOINT_WORSE if move.setpoint and pace.setpoint < self._pace.setpoint else WORSE
 
     def pace(self, loop: Loop) -> Pace:
         """What a controller is best held to before an actuator that is slow; no limits before one that is not."""
@@ -143,8 +148,8 @@ class FlawTrial:
         return min(paces, key=lambda pace: self._left(loop, pace, steps))
 
     def _left(self, loop: Loop, pace: Pace, moves: Sequence[_Move]) -> float:
-        """Error after moves, beside that of what runs, where it is largest."""
-        return max(self._error(loop, move, pace) / self._before[move] for move in moves)
+        """Error after moves, beside what may be left, where it is largest."""
+        return max(self._error(loop, move, pace) / (self._allowed(move, pace) * self._before[move]) for move in moves)
 
     def _small_moves(self) -> list[_Move]:
         friction = self._flaws.friction

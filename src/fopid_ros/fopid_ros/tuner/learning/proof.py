@@ -30,8 +30,9 @@ SWING_SHARE, DYING = 0.25, 0.7
 time before, does not come to rest."""
 PROVED_SHARE, WORTH_A_MOVE = 0.5, 1.5
 """How far of the allowed deviation it is moved in the end, and from which factor on once more for that."""
-HURRIES, SHORTEST_TICKS, MOST_TICKS = 4, 3, 20_000
-"""So many moves, of so many ticks at least, show how fast the actuator is; after one so many are looked at, at most."""
+HURRIES, CAREFUL, SHORTEST_TICKS, MOST_TICKS = 4, 0.5, 3, 20_000
+"""So many moves show how fast the actuator is, after one that is meant to go so far of that. Each takes so many ticks
+at least; after it so many are looked at, at most."""
 RESTLESS = 3.0
 """A loop whose measurement spreads at rest by so many times what it did before hunts: a good loop makes at most twice
 its noise of it (max |S|)."""
@@ -103,17 +104,20 @@ class Proof(ClosedLoopExperiment):
         str
             As of ``prove``.
         """
-        tick, most = self.loop.controller.sample_time, self._most()
+        tick, allowed = self.loop.controller.sample_time, PROVED_SHARE * self.loop.deviation_max
         window = max(PROVED_RESPONSES * response_time, self.rest_window)
         kick = _peak_of_a_kick(process, tick, math.ceil(window / tick))
-        room = PROVED_SHARE * self.loop.deviation_max / max(kick, 1e-300)  # in ticks, for a unit move
-        wanted, against = min(most, room / SHORTEST_TICKS), ""
-        made = 0
+        area = allowed / max(kick, 1e-300)  # ticks of a unit move
+        share, larger, made, against = CAREFUL, 1.0, 0, ""
         while made < HURRIES and not against:
-            amplitude = min(wanted, MOST_LARGER * self._amplitude)
-            against = self._moved(amplitude, min(room / amplitude * tick, response_time))
+            wanted = min(self._most(), share * area / SHORTEST_TICKS)
+            amplitude = min(wanted, larger * self._amplitude)
+            ticks = max(min(share * area / amplitude, response_time / tick), SHORTEST_TICKS)
+            against = self._moved(amplitude, ticks * tick)
             self._watched(PROVED_RESPONSES * response_time)
-            made += amplitude == wanted
+            made += share == 1.0 and amplitude == wanted
+            area = min(area, amplitude * ticks * allowed / max(self._peak, 1e-300))  # as the process itself answered
+            share, larger = 1.0, MOST_LARGER
         return against or self._swings_on(window)
 
     def _moved_as_before(self, hold: float) -> str:
