@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -157,3 +159,26 @@ def test_gains_that_need_a_pace_are_kept_with_it_or_not_at_all(hears: bool, monk
         with pytest.raises(InputError, match="did not confirm"):
             tuner.run()
         assert loop.design() == before
+
+
+@pytest.mark.parametrize(("found", "believed"), [(19.0, True), (6.8, False)])
+def test_strong_moves_that_make_it_far_slower_speak_of_something_else(
+    found: float, believed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A crane whose pendulum and friction looked like 6.8 a second, after 26, was held to that and driven out."""
+    loop = VirtualLoop(VALVE, 1)
+    criteria = AcceptanceCriteria(TuningRequest(Process.parse("1/(s+1)")), RobustLimits(), 2.0)
+    tuner: Any = Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", criteria, False), loop)  # type: ignore[arg-type]
+    rates = iter([26.0, found])
+
+    def looked(self: Any, *_: Any) -> tuple[Pace, str]:
+        self._learnt = SimpleNamespace(flaws=SimpleNamespace(rate=next(rates))), None
+        return Pace(1.0, 1.0), ""
+
+    monkeypatch.setattr(Autotuner, "_in_large_moves", looked)
+    outcome: Any = SimpleNamespace(model=SimpleNamespace(process=None), tuned=None)
+    proof: Any = SimpleNamespace(hurry=lambda *_: "")
+    pace, against = tuner._borne_in_large_moves(outcome, None, proof)
+    assert pace == Pace(1.0, 1.0)
+    assert (against == "") == believed
+    assert (tuner._learnt is not None) == believed

@@ -48,6 +48,8 @@ MORE_MOVEMENT = 1.7
 """What a second round may aim at of the control's movement from noise, in what was aimed at before."""
 NO_TIME = "gains are to be had that hold the setpoint better, for which no time was left: autotune once more"
 """What is said instead of a second round."""
+AGREE = 1.5
+"""Strong moves may make an actuator look so many times slower than the slowest that small ones left possible."""
 RESTS = 4
 """How often rest is waited for after gains that the loop did not bear, each time for a length of the experiment."""
 SLOWER = (0.7, 0.5, 0.35)
@@ -287,10 +289,7 @@ class Autotuner:
             proof.measure(borne)
             against = proof.prove(response_time(outcome))
             if not against:
-                pace, against = self._in_large_moves(outcome, running)
-            if pace is not None and outcome.model is not None:  # a few strong moves may show that it is quick after all
-                against = proof.hurry(outcome.model.process, response_time(outcome))
-                pace, against = (None, against) if against else self._in_large_moves(outcome, running)
+                pace, against = self._borne_in_large_moves(outcome, running, proof)
         except RestlessError as error:
             against = str(error)
         except InputError as error:
@@ -301,6 +300,25 @@ class Autotuner:
             return outcome
         self._client.hold(pace)  # whoever does not hear that does not keep the gains
         return replace(outcome, message=f"{outcome.message}; {held_to(pace)}")
+
+    def _borne_in_large_moves(self, outcome: Outcome, running: LoopBaseline, proof: Proof) -> tuple[Pace | None, str]:
+        """The pace that new gains need, and what speaks against them; a few strong moves show whether they need one.
+
+        Where these make the actuator look far slower than small ones left possible it is something else that is amiss,
+        friction or a gain that changes: to hold the controller back for that may drive the loop out.
+        """
+        learnt = self._learnt
+        pace, against = self._in_large_moves(outcome, running)
+        if pace is None or outcome.model is None:
+            return pace, against
+        possible = self._rate
+        against = proof.hurry(outcome.model.process, response_time(outcome))
+        if not against:
+            pace, against = self._in_large_moves(outcome, running)
+        if pace is not None and self._rate < possible / AGREE:
+            self._learnt = learnt
+            against = f"strong moves are not answered as by an actuator of {possible:.3g} a second or more"
+        return pace, against
 
     def _in_large_moves(self, outcome: Outcome, running: LoopBaseline) -> tuple[Pace | None, str]:
         """What speaks against new gains where the actuator is as slow as all that was heard leaves possible.
