@@ -27,7 +27,7 @@ from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome, read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
-from fopid_ros.tuner.learning.proof import HURRIES, Proof
+from fopid_ros.tuner.learning.proof import PULSES, Proof
 from fopid_ros.tuner.learning.reach import Reach
 
 
@@ -79,16 +79,27 @@ def test_what_is_left_to_a_loop_about_a_slow_valve_is_calm_and_no_worse(
     assert found.seen.load <= 1.02 * start.load
 
 
-@pytest.mark.parametrize(("allowed", "furthest"), [(0.8, 0.3), (0.3, 0.1)])
-def test_a_loop_is_moved_up_to_half_of_what_is_allowed_before_it_is_believed(allowed: float, furthest: float) -> None:
-    loop = VirtualLoop(VALVE, 1)
-    loop.set(gains=Fopid(6.2, 1.13, 10.3))
-    loop.run(60.0)
+def proof_of(loop: VirtualLoop, allowed: float) -> Proof:
+    """Of a loop that was moved by 0.08 to learn its gains, once it rests."""
     first = LoopBaseline(read_running_controller(loop))  # type: ignore[arg-type]
     ClosedLoopExperiment(loop, loop, first, ExperimentSettings()).measure()  # type: ignore[arg-type]
     baseline = LoopBaseline(read_running_controller(loop))  # type: ignore[arg-type]
     made = Proof(loop, loop, baseline, ExperimentSettings(), Reach(0.08, allowed, 0.4, allowed), first)  # type: ignore[arg-type]
     made.measure()
+    return made
+
+
+def tuner_of(loop: VirtualLoop) -> Autotuner:
+    criteria = AcceptanceCriteria(TuningRequest(Process.parse("1/(s+1)")), RobustLimits(), 2.0)
+    return Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", criteria, False), loop)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("allowed", "furthest"), [(0.8, 0.3), (0.3, 0.1)])
+def test_a_loop_is_moved_up_to_half_of_what_is_allowed_before_it_is_believed(allowed: float, furthest: float) -> None:
+    loop = VirtualLoop(VALVE, 1)
+    loop.set(gains=Fopid(6.2, 1.13, 10.3))
+    loop.run(60.0)
+    made = proof_of(loop, allowed)
     began = len(loop.trace.true)
     assert made.prove(2.5) == ""
     moved = max(abs(true - loop.setpoint) for true in loop.trace.true[began:])
@@ -96,7 +107,7 @@ def test_a_loop_is_moved_up_to_half_of_what_is_allowed_before_it_is_believed(all
 
 
 @pytest.mark.parametrize("rate", [7.0, 1e4])
-def test_a_few_strong_moves_show_how_fast_an_actuator_is_and_take_the_measurement_nowhere(rate: float) -> None:
+def test_a_few_pulses_show_how_fast_an_actuator_is_and_take_the_measurement_nowhere(rate: float) -> None:
     class Valve(SlowValve):
         def make_actuator(self) -> Actuator:
             return Actuator(0.0, 100.0, rate=rate)
@@ -108,18 +119,14 @@ def test_a_few_strong_moves_show_how_fast_an_actuator_is_and_take_the_measuremen
     learnt = identify(loop.history.record())
     assert learnt.success, learnt.message
     loop.set(gains=Fopid(6.2, 1.13, 10.3))
-    first = LoopBaseline(read_running_controller(loop))  # type: ignore[arg-type]
-    ClosedLoopExperiment(loop, loop, first, ExperimentSettings()).measure()  # type: ignore[arg-type]
-    baseline = LoopBaseline(read_running_controller(loop))  # type: ignore[arg-type]
-    made = Proof(loop, loop, baseline, ExperimentSettings(), Reach(0.08, 0.8, 0.4, 0.8), first)  # type: ignore[arg-type]
-    made.measure()
+    made = proof_of(loop, 0.8)
     assert made.prove(2.5) == ""
     began, since = len(loop.trace.true), loop.time
-    assert made.hurry(Process.parse("1/((7s+1)(1.5s+1))"), 2.5) == ""
+    assert made.pulse(Process.parse("1/((7s+1)(1.5s+1))"), 2.5) == ""
     assert max(abs(true - loop.setpoint) for true in loop.trace.true[began:]) < 0.8
     moves = np.abs(np.diff(loop.history.record(since - 1.0).excitation))  # type: ignore[arg-type]
     assert max(moves) == pytest.approx(10.0)  # a tenth of the control's range
-    assert np.count_nonzero(moves > 9.0) == 2 * HURRIES
+    assert np.count_nonzero(moves > 9.0) == 2 * PULSES
     slow = behind_slow_actuator(loop.history.record(), learnt, possible=True)
     found = slow.flaws.rate if slow else math.inf
     assert found == pytest.approx(rate, rel=0.15) if rate < 1e3 else found > 40.0
@@ -139,9 +146,7 @@ def test_gains_that_need_a_pace_are_kept_with_it_or_not_at_all(hears: bool, monk
     before = loop.design()
     new = RunningDesign(Fopid(6.2, 1.13, 10.3))
     loop.run(60.0)
-    criteria = AcceptanceCriteria(TuningRequest(Process.parse("1/(s+1)")), RobustLimits(), 2.0)
-    request = AutotuneRequest(ExperimentSettings(), "all", criteria, False)
-    tuner = Autotuner(loop, loop, request, loop)  # type: ignore[arg-type]
+    tuner = tuner_of(loop)
 
     def applied(self: Autotuner) -> Outcome:
         update = self._gain_update
@@ -162,13 +167,11 @@ def test_gains_that_need_a_pace_are_kept_with_it_or_not_at_all(hears: bool, monk
 
 
 @pytest.mark.parametrize(("found", "believed"), [(19.0, True), (6.8, False)])
-def test_strong_moves_that_make_it_far_slower_speak_of_something_else(
+def test_pulses_that_make_it_far_slower_speak_of_something_else(
     found: float, believed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A crane whose pendulum and friction looked like 6.8 a second, after 26, was held to that and driven out."""
-    loop = VirtualLoop(VALVE, 1)
-    criteria = AcceptanceCriteria(TuningRequest(Process.parse("1/(s+1)")), RobustLimits(), 2.0)
-    tuner: Any = Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", criteria, False), loop)  # type: ignore[arg-type]
+    tuner: Any = tuner_of(VirtualLoop(VALVE, 1))
     rates = iter([26.0, found])
 
     def looked(self: Any, *_: Any) -> tuple[Pace, str]:
@@ -177,8 +180,21 @@ def test_strong_moves_that_make_it_far_slower_speak_of_something_else(
 
     monkeypatch.setattr(Autotuner, "_in_large_moves", looked)
     outcome: Any = SimpleNamespace(model=SimpleNamespace(process=None), tuned=None)
-    proof: Any = SimpleNamespace(hurry=lambda *_: "")
+    proof: Any = SimpleNamespace(pulse=lambda *_: "")
     pace, against = tuner._borne_in_large_moves(outcome, None, proof)
     assert pace == Pace(1.0, 1.0)
     assert (against == "") == believed
     assert (tuner._learnt is not None) == believed
+
+
+def test_gains_that_need_a_pace_are_not_kept_where_pulses_cannot_be_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They stayed, without one: an error in the proof is taken for a loop that need not be moved once more."""
+
+    def refused(*_: Any) -> str:
+        raise InputError("the process's response is not known")
+
+    monkeypatch.setattr(Autotuner, "_in_large_moves", lambda *_: (Pace(1.0, 1.0), ""))
+    tuner: Any = tuner_of(VirtualLoop(VALVE, 1))
+    outcome: Any = SimpleNamespace(model=SimpleNamespace(process=None), tuned=None)
+    _, against = tuner._borne_in_large_moves(outcome, None, SimpleNamespace(pulse=refused))
+    assert against == "it is not known how fast the actuator is: the process's response is not known"

@@ -25,7 +25,7 @@ from fopid_core.model.process import read_process
 from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.performance_monitor import PerformanceMeter
 from fopid_core.runtime.settings import UNPACED, Pace
-from fopid_ros.tuner.controller_client import DEADBAND, FILTER, GAINS, PACE, WEIGHTS, RunningDesign, UnconfirmedError
+from fopid_ros.tuner.controller_client import RunningDesign, UnconfirmedError
 from fopid_ros.tuner.learning import gain_update as gain_update_module
 from fopid_ros.tuner.learning.gain_update import (
     AcceptanceCriteria,
@@ -33,7 +33,6 @@ from fopid_ros.tuner.learning.gain_update import (
     Outcome,
     RunningController,
     Trial,
-    read_running_controller,
 )
 from fopid_ros.tuner.learning.history import History
 from fopid_ros.tuner.learning.loop_tap import Tick
@@ -444,37 +443,6 @@ def test_new_gains_are_watched_for_sixty_ticks_at_least(learnt: IdentificationRe
     assert watched[0].remaining == pytest.approx(59.0 * tick)
 
 
-def test_a_controller_in_manual_mode_is_not_tuned() -> None:
-    numbers = dict.fromkeys((*GAINS, "sample_time", *LIMITS, *FILTER, *WEIGHTS, *PACE, DEADBAND), 1.0)
-    answers: dict[str, Any] = {**numbers, "mode": "manual", "antiwindup": "none"}
-    client: Any = SimpleNamespace(get=lambda *names: [answers[name] for name in names])
-    with pytest.raises(InputError, match="mode = 'manual'"):
-        read_running_controller(client)
-    answers["mode"] = "auto"
-    assert read_running_controller(client) == RunningController(
-        Fopid(1.0, 1.0, 1.0, 1.0, 1.0),
-        1.0,
-        1.0,
-        1.0,
-        MeasurementFilter(1, 1.0),
-        SetpointWeights(),
-        Pace(1.0, 1.0),
-        "none",
-        1.0,
-    )
-
-
-@pytest.mark.parametrize(("control", "saturated"), [(-1.0, True), (-0.99, False), (0.99, False), (1.0, True)])
-def test_a_control_at_a_limit_is_saturated(control: float, saturated: bool) -> None:
-    assert RunningController(OLD.gains, SAMPLE_TIME, -1.0, 1.0).saturated(control) == saturated
-
-
-def test_what_runs_is_gains_filter_weights_pace_and_deadband() -> None:
-    pace = Pace(3.0, 2.0)
-    controller = RunningController(OLD.gains, SAMPLE_TIME, -1.0, 1.0, OLD.filter, OLD.weights, pace, deadband=0.1)
-    assert controller.running == replace(OLD, pace=pace, deadband=0.1)
-
-
 @pytest.mark.parametrize(
     ("now", "sent"), [(Pace(), Pace(5.0, 2.0)), (Pace(4.0), Pace(4.0, 2.0)), (Pace(4.0, 1.0), None)]
 )
@@ -497,7 +465,3 @@ def test_what_the_steps_of_a_sensor_hide_counts_as_none_and_no_deadband_is_made_
     tried = handover_of(running, deadband=now).apply_and_monitor(replace(outcome, deadband=0.25), quiet(), 0.01, 2.0)
     assert [design.deadband for design in running.applied] == [sent]
     assert ("errors up to 0.25 count as none (deadband)" in tried.message) == (sent is not None)
-
-
-def test_the_range_of_the_control_is_between_its_limits() -> None:
-    assert RunningController(OLD.gains, SAMPLE_TIME, 1.0, 4.0).control_range == 3.0

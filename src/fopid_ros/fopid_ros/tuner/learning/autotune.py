@@ -49,7 +49,7 @@ MORE_MOVEMENT = 1.7
 NO_TIME = "gains are to be had that hold the setpoint better, for which no time was left: autotune once more"
 """What is said instead of a second round."""
 AGREE = 1.5
-"""Strong moves may make an actuator look so many times slower than the slowest that small ones left possible."""
+"""Pulses may make an actuator look so many times slower than the slowest that small moves left possible."""
 RESTS = 4
 """How often rest is waited for after gains that the loop did not bear, each time for a length of the experiment."""
 SLOWER = (0.7, 0.5, 0.35)
@@ -302,22 +302,26 @@ class Autotuner:
         return replace(outcome, message=f"{outcome.message}; {held_to(pace)}")
 
     def _borne_in_large_moves(self, outcome: Outcome, running: LoopBaseline, proof: Proof) -> tuple[Pace | None, str]:
-        """The pace that new gains need, and what speaks against them; a few strong moves show whether they need one.
+        """The pace that new gains need, and what speaks against them; a few pulses show whether they need one.
 
-        Where these make the actuator look far slower than small ones left possible it is something else that is amiss,
-        friction or a gain that changes: to hold the controller back for that may drive the loop out.
+        Where these make the actuator look far slower than small moves left possible it is something else that is amiss,
+        friction or a gain that changes: to hold the controller back for that may drive the loop out. Where they cannot
+        be made or judged, gains that seem to need a pace are not kept.
         """
         learnt = self._learnt
         pace, against = self._in_large_moves(outcome, running)
         if pace is None or outcome.model is None:
             return pace, against
         possible = self._rate
-        against = proof.hurry(outcome.model.process, response_time(outcome))
-        if not against:
-            pace, against = self._in_large_moves(outcome, running)
+        try:
+            against = proof.pulse(outcome.model.process, response_time(outcome))
+            if not against:
+                pace, against = self._in_large_moves(outcome, running)
+        except InputError as error:
+            against = f"it is not known how fast the actuator is: {error}"
         if pace is not None and self._rate < possible / AGREE:
             self._learnt = learnt
-            against = f"strong moves are not answered as by an actuator of {possible:.3g} a second or more"
+            against = f"pulses are not answered as by an actuator of {possible:.3g} a second or more"
         return pace, against
 
     def _in_large_moves(self, outcome: Outcome, running: LoopBaseline) -> tuple[Pace | None, str]:

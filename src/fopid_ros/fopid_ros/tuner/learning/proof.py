@@ -30,15 +30,15 @@ SWING_SHARE, DYING = 0.25, 0.7
 time before, does not come to rest."""
 PROVED_SHARE, WORTH_A_MOVE = 0.5, 1.5
 """How far of the allowed deviation it is moved in the end, and from which factor on once more for that."""
-HURRIES, CAREFUL, SHORTEST_TICKS, MOST_TICKS = 4, 0.5, 3, 20_000
-"""So many moves show how fast the actuator is, after one that is meant to go so far of that. Each takes so many ticks
+PULSES, CAREFUL, SHORTEST_TICKS, MOST_TICKS = 4, 0.5, 3, 20_000
+"""So many pulses show how fast the actuator is, after one that is meant to go so far of that. Each takes so many ticks
 at least; after it so many are looked at, at most."""
 RESTLESS = 3.0
 """A loop whose measurement spreads at rest by so many times what it did before hunts: a good loop makes at most twice
 its noise of it (max |S|)."""
 
 
-def _peak_of_a_kick(process: Process, sample_time: float, ticks: int) -> float:
+def _peak_of_a_pulse(process: Process, sample_time: float, ticks: int) -> float:
     """How far a process goes within some ticks after its control was moved by 1 for one of them."""
     plant = plant_of(PlantSettings(process, sample_time, delay_model="exact"))
     moves = [1.0, *[0.0] * min(ticks, MOST_TICKS)]
@@ -89,8 +89,8 @@ class Proof(ClosedLoopExperiment):
             against = self._moved(larger * self._amplitude, hold)
         return against or self._hunts()
 
-    def hurry(self, process: Process, response_time: float) -> str:
-        """Show how fast the actuator is: moves as large as any, too short to take the measurement far.
+    def pulse(self, process: Process, response_time: float) -> str:
+        """Show how fast the actuator is by pulses: moves as large as any, too short to take the measurement far.
 
         Parameters
         ----------
@@ -106,10 +106,10 @@ class Proof(ClosedLoopExperiment):
         """
         tick, allowed = self.loop.controller.sample_time, PROVED_SHARE * self.loop.deviation_max
         window = max(PROVED_RESPONSES * response_time, self.rest_window)
-        kick = _peak_of_a_kick(process, tick, math.ceil(window / tick))
-        area = allowed / max(kick, 1e-300)  # ticks of a unit move
+        peak = _peak_of_a_pulse(process, tick, math.ceil(window / tick))
+        area = allowed / max(peak, 1e-300)  # ticks of a unit move
         share, larger, made, against = CAREFUL, 1.0, 0, ""
-        while made < HURRIES and not against:
+        while made < PULSES and not against:
             wanted = min(self._most(), share * area / SHORTEST_TICKS)
             amplitude = min(wanted, larger * self._amplitude)
             ticks = max(min(share * area / amplitude, response_time / tick), SHORTEST_TICKS)

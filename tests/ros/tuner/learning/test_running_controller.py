@@ -1,0 +1,54 @@
+"""What the running controller says of itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from fopid_core.errors import InputError
+from fopid_core.model.fopid import Fopid
+from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
+from fopid_core.runtime.settings import Pace
+from fopid_ros.tuner.controller_client import DEADBAND, FILTER, GAINS, PACE, WEIGHTS, RunningDesign
+from fopid_ros.tuner.learning.gain_update import RunningController, read_running_controller
+
+NOW = RunningDesign(Fopid(0.5, 1.0), MeasurementFilter(2, 0.003), SetpointWeights(0.5, 0.0))
+LIMITS = ("control_min", "control_max")
+
+
+def test_a_controller_in_manual_mode_is_not_tuned() -> None:
+    numbers = dict.fromkeys((*GAINS, "sample_time", *LIMITS, *FILTER, *WEIGHTS, *PACE, DEADBAND), 1.0)
+    answers: dict[str, Any] = {**numbers, "mode": "manual", "antiwindup": "none"}
+    client: Any = SimpleNamespace(get=lambda *names: [answers[name] for name in names])
+    with pytest.raises(InputError, match="mode = 'manual'"):
+        read_running_controller(client)
+    answers["mode"] = "auto"
+    assert read_running_controller(client) == RunningController(
+        Fopid(1.0, 1.0, 1.0, 1.0, 1.0),
+        1.0,
+        1.0,
+        1.0,
+        MeasurementFilter(1, 1.0),
+        SetpointWeights(),
+        Pace(1.0, 1.0),
+        "none",
+        1.0,
+    )
+
+
+@pytest.mark.parametrize(("control", "saturated"), [(-1.0, True), (-0.99, False), (0.99, False), (1.0, True)])
+def test_a_control_at_a_limit_is_saturated(control: float, saturated: bool) -> None:
+    assert RunningController(NOW.gains, 0.01, -1.0, 1.0).saturated(control) == saturated
+
+
+def test_what_runs_is_gains_filter_weights_pace_and_deadband() -> None:
+    pace = Pace(3.0, 2.0)
+    controller = RunningController(NOW.gains, 0.01, -1.0, 1.0, NOW.filter, NOW.weights, pace, deadband=0.1)
+    assert controller.running == replace(NOW, pace=pace, deadband=0.1)
+
+
+def test_the_range_of_the_control_is_between_its_limits() -> None:
+    assert RunningController(NOW.gains, 0.01, 1.0, 4.0).control_range == 3.0
