@@ -165,6 +165,18 @@ def test_a_design_that_rings_as_it_runs_gives_way_to_a_slower_one() -> None:
     assert found.tuning.running.ms < 2.2, "the first design's is 4.69"
 
 
+def test_the_hold_of_the_control_counts_once() -> None:
+    """SIMC's PI for a lag, with half a tick as its delay, takes all that is left away at each tick: S = 1 - 1/z."""
+    learnt = identify(step_record("2/(10s+1)", 100.0, 1.0, noise=0.001), "foptd")
+    assert learnt.best is not None
+    assert learnt.best.process.delay < 0.05
+    found = tune_robustly(learnt, TuningRequest("P1", "rule", rule="simc-pi", sample_time=1.0), RobustLimits(samples=5))
+    assert found.success, found.message
+    assert found.tuning is not None
+    assert found.tuning.running is not None
+    assert found.tuning.running.ms == pytest.approx(2.0, rel=0.1)
+
+
 def test_what_the_running_gains_would_not_hold_is_not_the_process(
     learnt: IdentificationResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -292,7 +292,7 @@ def first_request(identified: IdentificationResult, request: TuningRequest) -> T
     learnt = identified.best.process
     # A crossover is kept below what the sample time allows; times and rules know that limit by the delay of the hold.
     seen = learnt if request.method == "frequency" else as_held(learnt, request.sample_time)
-    return _within_reach(replace(request, process=seen), identified.best)
+    return _within_reach(replace(request, process=seen, sampled=learnt), identified.best)
 
 
 def _within_reach(request: TuningRequest, best: IdentifiedModel) -> TuningRequest:

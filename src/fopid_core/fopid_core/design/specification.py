@@ -219,6 +219,8 @@ class TuningRequest:
         For ``time``: seed of the search; the same seed gives the same answer.
     timeout : float, optional
         Give the best found after this long [s], marked unsuccessful.
+    sampled : Process, optional
+        What the controller samples, where ``process`` counts the hold of the control as a delay; else ``process``.
     """
 
     process: Process
@@ -252,6 +254,7 @@ class TuningRequest:
     structure: str | None = None
     filter_order: int = 0
     two_degrees: bool | None = None
+    sampled: Process | None = None
 
     def __post_init__(self) -> None:
         one_of("method", self.method, METHODS)

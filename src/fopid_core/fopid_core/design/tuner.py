@@ -139,7 +139,7 @@ def _verified(request: TuningRequest, proposal: Proposal) -> TuningResult:
     named = [check for check in broken if not any(text.startswith(check.asked) for text in proposal.unmet)]
     unmet = (*proposal.unmet, *(str(check) for check in named))
     measured = achieved(loop, request.t_max, request.s_max, request.sample_time, request.noise_density or 0.0)
-    as_it_runs = running(request.process, proposal.controller, request.sample_time, proposal.filter)
+    as_it_runs = running(request.sampled or request.process, proposal.controller, request.sample_time, proposal.filter)
     message, every = proposal.message, f"as it runs, with ticks of {request.sample_time:g} s"
     if as_it_runs.stable is False:
         unmet = (*unmet, f"stability {every}: {as_it_runs.reason}")
