@@ -235,7 +235,7 @@ def test_a_record_that_carries_too_little_is_refused_with_advice(
 
 
 def test_a_record_that_ends_too_soon_is_refused_and_says_how_long_it_should_be() -> None:
-    result = identify(step_record("P1", 1.0, 0.01, noise=0.005))
+    result = identify(step_record("P1", 2.0, 0.01, noise=0.005))
     assert not result.success
     assert "record at least" in result.message
 
@@ -305,6 +305,22 @@ def test_samples_of_a_lag_that_the_record_hardly_shows_stay_with_the_record() ->
     at = 1j * model.crossover
     moved = [abs(process(at) / model.process(at) - 1.0) for process in model.sample(20)]
     assert max(moved) < 5.0 * model.deviation < 0.25
+
+
+def test_two_powers_that_part_beyond_all_that_was_seen_are_one() -> None:
+    """A lag whose gain falls with its output: powers 1.11 and 1.04 fit a little better, and part at 1e8 rad/s."""
+    random, h, x, measured = np.random.default_rng(52), 0.1, 0.0, []
+    control = np.repeat(random.choice([-1.0, 1.0], 20), 10)
+    for u in control:
+        measured.append(x)
+        for _ in range(10):
+            x += 0.1 * h * (2.0 * u - x * (1.0 + 0.3 * abs(x)) + 0.2 * u * x)
+    record = Record(np.arange(200) * h, control, np.array(measured) + 0.05 * random.standard_normal(200))
+    plain, fractional = (best(identify(record, name)) for name in ("foptd", "nioptd2"))
+    numbers = fractional.parameters
+    assert math.log10(numbers["a1"]) / (numbers["alpha"] - numbers["beta"]) > 8.0
+    assert fractional.fit_pct > plain.fit_pct
+    assert best(identify(record)).template in ("foptd", "nioptd1", "soptd")
 
 
 def test_a_structure_and_its_parameters_make_the_same_process() -> None:

@@ -57,6 +57,8 @@ LEAVES_MUCH = 2.0
 """A linear model that leaves so many times the known noise is no reason not to look for dry friction."""
 LEAVES_LESS = 0.9
 """A process that runs away is likelier than a dead band where it leaves white noise, and no more than that share."""
+SHARPEST = 100.0
+"""Where the two highest powers of a model part beyond so many radians a sample, a record shows but one of them."""
 _ROUGH, _COARSE = 256, 512
 _ROUNDS = 3
 """So often a dead band is looked for, each time beside the process that was learnt behind the last."""
@@ -413,5 +415,19 @@ def _preferred(models: tuple[IdentifiedModel, ...]) -> IdentifiedModel:
 
 
 def _about_best(models: tuple[IdentifiedModel, ...]) -> list[IdentifiedModel]:
-    least = min(100.0 - model.fit_pct for model in models)
-    return [model for model in models if 100.0 - model.fit_pct <= SIMPLER * least]
+    shown = [model for model in models if _tells_its_powers_apart(model)] or models
+    least = min(100.0 - model.fit_pct for model in shown)
+    return [model for model in shown if 100.0 - model.fit_pct <= SIMPLER * least]
+
+
+def _tells_its_powers_apart(model: IdentifiedModel) -> bool:
+    """Whether ``s^alpha + a1 s^beta`` changes from one to the other within what a record shows.
+
+    With orders such as 1.06 and 1.004 it does so at 1e19 rad/s, and no response of it is known.
+    """
+    numbers = model.parameters
+    if not {"a1", "alpha", "beta"} <= numbers.keys():
+        return True
+    apart = numbers["alpha"] - numbers["beta"]
+    most = SHARPEST / model.fitted.response.sample_time
+    return apart != 0.0 and math.log(numbers["a1"]) / apart <= math.log(most)

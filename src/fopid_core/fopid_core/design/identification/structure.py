@@ -131,7 +131,7 @@ class Structure:
         """Where the free numbers are sought for a record of this sample time and span [s]."""
         alone = [name == "alpha" and "beta" not in self.free for name in self.free]
         ranges = {
-            "log_tau": (math.log(0.2 * sample_time), math.log(30.0 * span)),
+            "log_tau": (math.log(0.2 * sample_time), math.log(1000.0 * span)),
             "log_c": _LOG_C,
             "alpha": _ALPHA,
             "beta": _BETA,
