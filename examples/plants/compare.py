@@ -37,6 +37,10 @@ HEAD = (
     "| plant | gains | IAE setpoint | IAE load | overshoot % | settling s | total variation | tuning took s | safe |\n"
     "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | --- |"
 )
+SUMMARY = (
+    "| plant | best rule | load IAE, over the rule's | movement, over the rule's | aim met | autotune's gains |\n"
+    "| --- | --- | ---: | ---: | --- | --- |"
+)
 BEGIN = "<!-- made by examples/plants/compare.py -->"
 
 
@@ -52,12 +56,15 @@ class Row:
         How long the tuning took [s]; NaN where there was none.
     note : str
         What became of it.
+    gains : str
+        As they are in the end.
     """
 
     label: str
     seen: Judgements
     lasted: float = math.nan
     note: str = ""
+    gains: str = ""
 
     def line(self, name: str) -> str:
         """Of the table."""
@@ -136,35 +143,72 @@ def autotuned(name: str, seed: int = 1, until_known: bool = True) -> Row:
     safe = low < min(loop.trace.true) and max(loop.trace.true) < high
     return Row(
         "autotune" if success else "autotune (kept the start)", _also(seen, safe),
-        loop.time - began, f"{loop.gains()}: {message}" if success else message,
+        loop.time - began, message, str(loop.gains()) if success else "the start's",
     )  # fmt: skip
 
 
-def verdict(compared: list[Row]) -> tuple[str, bool]:
+@dataclass(frozen=True)
+class Verdict:
+    """Autotuning beside the rule with the least load IAE on a plant.
+
+    Attributes
+    ----------
+    least : str
+        Whose load IAE is the least of those that a tuning ends with.
+    rule : str
+        That rule; empty where none holds the plant.
+    load, variation : str
+        Autotuning's over the rule's.
+    against : tuple of str
+        What speaks against autotuning whatever the rules do.
+    dominated : bool
+        Whether a rule that moves the control no more leaves less after a load.
+    met : bool
+        Whether it is as good as the rules at no more movement of the control, and no worse than the start.
+    """
+
+    least: str
+    rule: str
+    load: str
+    variation: str
+    against: tuple[str, ...]
+    dominated: bool
+    met: bool
+
+    def __str__(self) -> str:
+        beside = f"; autotune beside {self.rule}: load {self.load}, variation {self.variation}"
+        return "; ".join((f"{self.least}{beside if self.rule else ' (no rule holds the plant)'}", *self.against))
+
+    def line(self, name: str, gains: str) -> str:
+        """Of the first table."""
+        met = "yes" if self.met else "**no**" if self.dominated or self.against else "no, but quieter"
+        beside = (self.rule, self.load, self.variation) if self.rule else ("none holds it", "", "")
+        return f"| {name} | {' | '.join(beside)} | {'; '.join((met, *self.against))} | {gains} |"
+
+
+def verdict(compared: list[Row]) -> Verdict:
     """Who won on a plant; and whether autotuning was as good as the rules at no more movement of the control."""
     start = compared[0]
     ours = next(row for row in compared if row.label.startswith("autotune"))
     rules = [row for row in compared if row.label.startswith(("SIMC", "AMIGO")) and row.seen.calm]
     worse = [figure for figure in ("setpoint", "load") if ours.seen.exceeds(start.seen, figure)]
-    told = f"; worse than the start: {' and '.join(worse)}" if worse else ""
-    told += "" if ours.seen.safe else "; unsafe"
+    against = (f"worse than the start: {' and '.join(worse)}",) if worse else ()
+    against += () if ours.seen.safe else ("unsafe",)
     field = [row for row in compared if "known" not in row.label and row.seen.calm]
-    winner = min(field, key=lambda row: row.seen.load, default=start).label
+    least = min(field, key=lambda row: row.seen.load, default=start).label
     if not rules:
-        return f"{winner} (no rule holds the plant){told}", not told
+        return Verdict(least, "", "", "", against, False, not against)
     best = min(rules, key=lambda row: row.seen.load)
-    beside = ", ".join(_beside(ours.seen, best.seen, figure) for figure in ("load", "variation"))
-    said = f"{winner}; autotune beside {best.label}: {beside}"
-    more_load, more_movement = (ours.seen.exceeds(best.seen, figure) for figure in ("load", "variation"))
+    load, variation = (_beside(ours.seen, best.seen, figure) for figure in ("load", "variation"))
+    short = any(ours.seen.exceeds(best.seen, figure) for figure in ("load", "variation"))
     quieter = [row for row in rules if not row.seen.exceeds(ours.seen, "variation")]
-    if more_load and not any(ours.seen.exceeds(row.seen, "load") for row in quieter) and "kept" not in ours.label:
-        said += "; no rule that moves as little leaves less"
-    return said + told, not (told or more_load or more_movement)
+    dominated = any(ours.seen.exceeds(row.seen, "load") for row in quieter)
+    return Verdict(least, best.label, load, variation, against, dominated, not (against or short))
 
 
 def _beside(ours: Judgements, other: Judgements, figure: str) -> str:
     """A figure as a ratio; a tie is called one."""
-    ratio = f"{figure} {ours.mean(figure) / other.mean(figure):.2f}"
+    ratio = f"{ours.mean(figure) / other.mean(figure):.2f}"
     apart = ours.exceeds(other, figure) or other.exceeds(ours, figure)
     return ratio if apart else f"{ratio} (a tie)"
 
@@ -177,17 +221,15 @@ def compared(name: str, seed: int = 1, until_known: bool = True) -> tuple[str, l
 
 def table(found: Mapping[str, list[Row]]) -> str:
     """The page's part that is made."""
-    lines = [BEGIN, "", HEAD]
-    for name, seen in found.items():
-        lines += [row.line(name) for row in seen]
-    lines += ["", "Who had the least load IAE of those that a tuning ends with, and what autotuning made of it:", ""]
+    lines = [BEGIN, "", SUMMARY]
     verdicts = {name: verdict(seen) for name, seen in found.items()}
     for name, seen in found.items():
-        note = next(row.note for row in seen if row.label.startswith("autotune"))
-        lines.append(f"- {name}: {verdicts[name][0]}. {note[:400]}")
-    good = sum(met for _, met in verdicts.values())
-    asked = "Load IAE no larger than the best rule's at no more movement, and not worse than the start"
-    lines += ["", f"{asked}: {good} of {len(found)}."]
+        ours = next(row for row in seen if row.label.startswith("autotune"))
+        lines.append(verdicts[name].line(name, ours.gains))
+    good = sum(each.met for each in verdicts.values())
+    lines += ["", f"The aim is met on {good} of {len(found)}.", "", "### Every figure", "", HEAD]
+    for name, seen in found.items():
+        lines += [row.line(name) for row in seen]
     return "\n".join(lines) + "\n"
 
 
@@ -209,7 +251,7 @@ def main() -> int:
             found[name] = seen
             print(
                 *(row.line(name) for row in seen),
-                f"{verdict(seen)[0]}, {took:.0f} s of processor\n",
+                f"{verdict(seen)}, {took:.0f} s of processor\n",
                 sep="\n",
                 flush=True,
             )

@@ -54,11 +54,11 @@ def test_the_verdict_tells_a_loss_and_a_win() -> None:
     lost = Row("autotune", seen(0.6))
     loud = Row("autotune", seen(0.4, variation=20.0))
     worse = Row("autotune", seen(1.2))
-    assert [verdict([start, rule, ours])[1] for ours in (won, lost, loud, worse)] == [True, False, False, False]
-    assert verdict([start, rule, lost])[0].startswith("SIMC PI")
-    assert "worse than the start: load" in verdict([start, rule, worse])[0]
+    assert [verdict([start, rule, ours]).met for ours in (won, lost, loud, worse)] == [True, False, False, False]
+    assert verdict([start, rule, lost]).least == "SIMC PI"
+    assert verdict([start, rule, worse]).against == ("worse than the start: load",)
     unsafe = Row("autotune", Judgements((*won.seen.runs[1:], replace(won.seen.runs[0], safe=False))))
-    assert not verdict([start, rule, unsafe])[1]
+    assert not verdict([start, rule, unsafe]).met
     assert seen(math.nan).exceeds(rule.seen, "load"), "what is not known is not met"
 
 
@@ -68,10 +68,17 @@ def test_a_difference_is_one_beyond_its_own_noise_not_beyond_that_of_all_runs() 
     assert seen(0.51).exceeds(rule, "load")
     assert not seen(0.51, own=0.1).exceeds(rule, "load")
     assert seen(0.71, own=0.1).exceeds(rule, "load")
-    assert (
-        "load 1.02 (a tie)"
-        in verdict([Row("start", seen()), Row("SIMC PI", rule), Row("autotune", seen(0.51, own=0.1))])[0]
-    )
+    tie = verdict([Row("start", seen()), Row("SIMC PI", rule), Row("autotune", seen(0.51, own=0.1))])
+    assert tie.load == "1.02 (a tie)"
+    assert tie.met
+
+
+def test_who_leaves_more_is_dominated_where_a_rule_that_moves_no_more_leaves_less() -> None:
+    start, loud, quiet = Row("start", seen()), Row("SIMC PID", seen(0.5)), Row("SIMC PI", seen(0.7, variation=4.0))
+    for load, dominated in ((0.6, False), (0.8, True)):
+        found = verdict([start, loud, quiet, Row("autotune", seen(load, variation=4.0))])
+        assert (found.rule, found.met, found.dominated) == ("SIMC PID", False, dominated)
+        assert ("no, but quieter" in found.line("plant", "gains")) is not dominated
 
 
 def test_a_run_that_does_not_settle_is_no_reason_to_leave_a_rule_out() -> None:

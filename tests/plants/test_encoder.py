@@ -14,7 +14,13 @@ from foreign_plants.parts import Sensor
 from virtual_loop import VirtualLoop
 
 from fopid_core.design.identification.noise import hidden_by_steps
+from fopid_core.design.robust_verification import RobustLimits
+from fopid_core.design.specification import TuningRequest
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.process import Process
+from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
+from fopid_ros.tuner.learning.closed_loop_experiment import ExperimentSettings
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome
 
 MOTOR, STEP = GALLERY["motor_position"], 2.0 * math.pi / 4096.0
 
@@ -53,6 +59,17 @@ def test_steps_hide_nothing_where_there_is_more_noise(plant: type[MotorPosition]
     loop.setpoint += 0.2
     loop.run(1.0)
     assert hidden_by_steps(loop.history.newest_values("measurement", 1000), noise) == pytest.approx(hidden)
+
+
+def test_a_proposal_tells_of_it_and_sets_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(GainUpdate, "design", lambda *_, **__: Outcome(success=True, message="better gains"))
+    criteria = AcceptanceCriteria(TuningRequest(Process.parse("1/(s+1)")), RobustLimits(), 2.0, compare=True)
+    loop = VirtualLoop(MOTOR)
+    loop.run(1.0)
+    request = AutotuneRequest(ExperimentSettings(), "all", criteria, propose_only=True)
+    told = Autotuner(loop, loop, request, loop).run().message  # type: ignore[arg-type]
+    assert told == "better gains; errors up to 0.000767 are to count as none (deadband), half a step of the measurement"
+    assert loop.tuned_settings()["deadband"] == 0.0
 
 
 @pytest.mark.long

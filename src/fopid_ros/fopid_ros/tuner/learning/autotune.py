@@ -27,6 +27,7 @@ from fopid_ros.tuner.learning.gain_update import (
     Outcome,
     RunningController,
     Trial,
+    counting_as_none,
     held_to,
     read_running_controller,
     response_time,
@@ -447,7 +448,10 @@ class Autotuner:
             slower=slower,
         )
         # Between two steps an integral moves the control for ever, and a derivative makes it jump at each.
-        return replace(outcome, deadband=hidden_by_steps(record.measurement, self._rest.noise))
+        deadband, told = hidden_by_steps(record.measurement, self._rest.noise), outcome.message
+        if every and outcome.success and deadband > self._controller.deadband:
+            told = f"{told}; {counting_as_none(deadband, 'are to count')}"
+        return replace(outcome, deadband=deadband, message=told)
 
     def _try_out(self, trial: Trial) -> Outcome:
         asked = Outcome(success=True, message=f"{trial.design.gains} as asked")

@@ -193,9 +193,9 @@ def held_to(pace: Pace, moves: str = "moves", now: str = " now") -> str:
     )
 
 
-def counting_as_none(deadband: float) -> str:
+def counting_as_none(deadband: float, count: str = "count") -> str:
     """What is said of errors that the steps of the sensor hide."""
-    return f"errors up to {deadband:.3g} count as none (deadband), half a step of the measurement"
+    return f"errors up to {deadband:.3g} {count} as none (deadband), half a step of the measurement"
 
 
 def response_time(outcome: Outcome) -> float:
