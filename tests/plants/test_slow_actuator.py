@@ -94,6 +94,17 @@ def tuner_of(loop: VirtualLoop) -> Autotuner:
     return Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", criteria, False), loop)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
+@pytest.mark.timeout(900)
+def test_a_loop_that_swings_since_its_actuator_is_slow_is_learnt_behind_it() -> None:
+    """A linear model misses a third of what an experiment moves there."""
+    start, found = judge("drawn_33", {}, SEEDS[:4]), autotuned("drawn_33")
+    assert found.label == "autotune", found.note
+    assert found.seen.safe
+    assert found.seen.mean("setpoint") < 0.7 * start.mean("setpoint")
+    assert not found.seen.load > 1.05 * start.load
+
+
 @pytest.mark.parametrize(("allowed", "furthest"), [(0.8, 0.3), (0.3, 0.1)])
 def test_a_loop_is_moved_up_to_half_of_what_is_allowed_before_it_is_believed(allowed: float, furthest: float) -> None:
     loop = VirtualLoop(VALVE, 1)

@@ -417,6 +417,7 @@ class Autotuner:
         record = self._tap.history.record(began)
         seen, known = self._behind_actuator(record), self._rate
         found = identify(seen, self._request.template, noise=self._experiment.loop.unrest).with_limit(known)
+        found = behind_slow_actuator(record, found, self._request.template, self._experiment.loop.unrest) or found
         if not found.success or found.best is None:
             told = f"nothing was changed: {found.message} ({self._experiment.made})"
             return Outcome(message=told, model=found.best, models=found.models)
@@ -425,9 +426,8 @@ class Autotuner:
         if wrong:
             told = f"nothing was changed: {wrong}; record longer or with larger moves of the control"
             return Outcome(message=told, model=found.best, models=found.models)
-        learnt = behind_slow_actuator(record, found, self._request.template, self._experiment.loop.unrest) or found
-        self._learnt = learnt, record
-        return self._designed(self._gain_update, learnt, record)
+        self._learnt = found, record
+        return self._designed(self._gain_update, found, record)
 
     def _designed(
         self, update: GainUpdate, found: IdentificationResult, record: Record,
