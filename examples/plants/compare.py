@@ -41,6 +41,11 @@ SUMMARY = (
     "| plant | best rule | load IAE, over the rule's | movement, over the rule's | aim met | autotune's gains |\n"
     "| --- | --- | ---: | ---: | --- | --- |"
 )
+SHORT = {
+    ("load",): "more error, but no rule that moves as little leaves less",
+    ("variation",): "less error for more movement",
+    ("load", "variation"): "more error and movement",
+}
 BEGIN = "<!-- made by examples/plants/compare.py -->"
 
 
@@ -161,10 +166,10 @@ class Verdict:
         Autotuning's over the rule's.
     against : tuple of str
         What speaks against autotuning whatever the rules do.
+    more : tuple of str
+        Of load and variation, what is more than that rule's.
     dominated : bool
         Whether a rule that moves the control no more leaves less after a load.
-    met : bool
-        Whether it is as good as the rules at no more movement of the control, and no worse than the start.
     """
 
     least: str
@@ -172,8 +177,13 @@ class Verdict:
     load: str
     variation: str
     against: tuple[str, ...]
+    more: tuple[str, ...]
     dominated: bool
-    met: bool
+
+    @property
+    def met(self) -> bool:
+        """Whether it is as good as the rules at no more movement of the control, and no worse than the start."""
+        return not (self.against or self.more)
 
     def __str__(self) -> str:
         beside = f"; autotune beside {self.rule}: load {self.load}, variation {self.variation}"
@@ -181,7 +191,7 @@ class Verdict:
 
     def line(self, name: str, gains: str) -> str:
         """Of the first table."""
-        met = "yes" if self.met else "**no**" if self.dominated or self.against else "no, but quieter"
+        met = "yes" if self.met else "**no**" if self.dominated or self.against else f"no: {SHORT[self.more]}"
         beside = (self.rule, self.load, self.variation) if self.rule else ("none holds it", "", "")
         return f"| {name} | {' | '.join(beside)} | {'; '.join((met, *self.against))} | {gains} |"
 
@@ -197,13 +207,13 @@ def verdict(compared: list[Row]) -> Verdict:
     field = [row for row in compared if "known" not in row.label and row.seen.calm]
     least = min(field, key=lambda row: row.seen.load, default=start).label
     if not rules:
-        return Verdict(least, "", "", "", against, False, not against)
+        return Verdict(least, "", "", "", against, (), False)
     best = min(rules, key=lambda row: row.seen.load)
     load, variation = (_beside(ours.seen, best.seen, figure) for figure in ("load", "variation"))
-    short = any(ours.seen.exceeds(best.seen, figure) for figure in ("load", "variation"))
+    more = tuple(figure for figure in ("load", "variation") if ours.seen.exceeds(best.seen, figure))
     quieter = [row for row in rules if not row.seen.exceeds(ours.seen, "variation")]
     dominated = any(ours.seen.exceeds(row.seen, "load") for row in quieter)
-    return Verdict(least, best.label, load, variation, against, dominated, not (against or short))
+    return Verdict(least, best.label, load, variation, against, more, dominated)
 
 
 def _beside(ours: Judgements, other: Judgements, figure: str) -> str:
