@@ -241,7 +241,8 @@ class ClosedLoopExperiment:
     @property
     def _more(self) -> str:
         """What is said beside the estimate."""
-        return f", at most {LONGEST * self.duration:.3g} s where that says too little{WORKING_OUT}"
+        longest = f", up to {LONGEST * self.duration:.3g} s of experiments where that says too little"
+        return f"{longest}, the proof of new gains beside it{WORKING_OUT}"
 
     @property
     def newest(self) -> float:
