@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+import re
 
 import numpy as np
 import pytest
@@ -182,6 +183,16 @@ def test_integrating_oscillating_and_inverse_processes_are_learnt_where_a_contro
     gain, phase = error_at_crossover(best(identify(record)), process)
     assert abs(gain) < 0.03
     assert abs(phase) < 2.0
+
+
+def test_a_lag_whose_end_is_not_seen_is_said_to_integrate() -> None:
+    """At 0.7 per second and unit of the control, behind 0.4 s."""
+    found = identify(step_record("0.7/s*exp(-0.4s)", 40.0, 0.02, noise=0.01))
+    assert best(found).parameters["L"] == pytest.approx(0.4, abs=0.01)
+    said = re.search(r"it integrates, for all that the record shows: (\S+) per second", found.message)
+    assert said is not None
+    assert float(said[1]) == pytest.approx(0.7, rel=0.01)
+    assert "integrates" not in identify(step_record("2/(10s+1)", 40.0, 0.02, noise=0.01)).message
 
 
 def test_a_second_resonance_is_found_by_a_rational_model() -> None:

@@ -59,6 +59,8 @@ LEAVES_LESS = 0.9
 """A process that runs away is likelier than a dead band where it leaves white noise, and no more than that share."""
 SHARPEST = 100.0
 """Where the two highest powers of a model part beyond so many radians a sample, a record shows but one of them."""
+NO_END = 30.0
+"""A lag of so many records shows less than a thirtieth of its end in one: it integrates, for all that can be seen."""
 _ROUGH, _COARSE = 256, 512
 _ROUNDS = 3
 """So often a dead band is looked for, each time beside the process that was learnt behind the last."""
@@ -330,6 +332,9 @@ def refit(
 def _told(best: IdentifiedModel) -> str:
     told = f"{best.template} explains {best.fit_pct:.2f} % of the measurement on held-back samples"
     told += f"; {best.flaws}" if str(best.flaws) else ""
+    lag, span = best.parameters.get("T", 0.0), float(best.fitted.response.time[-1])
+    if best.template == "foptd" and lag > NO_END * span:
+        told += f"; it integrates, for all that the record shows: {best.parameters['K'] / lag:.4g} per second"
     beside = [f"a drift of {best.ramp:.3g} per second"] * bool(best.ramp)
     beside += [f"a load that came after {instant:.3g} s" for instant in best.loads]
     told = f"{told}, beside {' and '.join(beside)} that was taken out" if beside else told
