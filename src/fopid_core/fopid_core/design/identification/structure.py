@@ -26,6 +26,9 @@ _LOG_C = (math.log(0.01), math.log(100.0))
 _ALPHA, _BETA = (0.4, 3.0), (0.1, 2.0)
 _ONE_ALPHA = (0.4, 1.95)
 """Orders that are looked at; with one power of s alone, 2 is the border of stability."""
+_LONGEST, _LONGEST_ALONE = 30.0, 1000.0
+"""In records: with 30 a lag with delay is no integrator, for it ends by a thirtieth within one. Among several lags one
+so long would stand for anything slow, also for an actuator that sticks."""
 _FASTEST_RUNAWAY = 2.0
 """A process does not run away by a factor of e in fewer samples than this."""
 LONGEST_NAME = 80
@@ -73,6 +76,7 @@ class Section:
 
 
 LAG = Section(alpha=1.0)
+FRACTIONAL_LAG = Section(alpha=None)
 PAIR = Section(alpha=2.0, beta=1.0, damped=True)
 RUNAWAY = Section(alpha=1.0, end=-1.0)
 INTEGRATOR = Section(alpha=1.0, end=0.0)
@@ -130,8 +134,9 @@ class Structure:
     def bounds(self, sample_time: float, span: float) -> tuple[Floats, Floats]:
         """Where the free numbers are sought for a record of this sample time and span [s]."""
         alone = [name == "alpha" and "beta" not in self.free for name in self.free]
+        longest = _LONGEST_ALONE if self.sections in ((LAG,), (FRACTIONAL_LAG,)) else _LONGEST
         ranges = {
-            "log_tau": (math.log(0.2 * sample_time), math.log(1000.0 * span)),
+            "log_tau": (math.log(0.2 * sample_time), math.log(longest * span)),
             "log_c": _LOG_C,
             "alpha": _ALPHA,
             "beta": _BETA,
@@ -185,7 +190,7 @@ class Structure:
 
 TEMPLATE_STRUCTURES = {
     "foptd": Structure("foptd", (LAG,)),
-    "nioptd1": Structure("nioptd1", (Section(alpha=None),)),
+    "nioptd1": Structure("nioptd1", (FRACTIONAL_LAG,)),
     "soptd": Structure("soptd", (PAIR,)),
     "nioptd2": Structure("nioptd2", (Section(alpha=None, beta=None, damped=True),)),
 }
