@@ -55,7 +55,7 @@ def test_an_experiment_stays_in_its_band_on_any_seed(name: str) -> None:
 
 def test_what_was_announced_is_kept_and_the_record_is_whole() -> None:
     loop, made, _ = experiment("coupled_heaters", 2, history=60.0)
-    assert f"at most {LONGEST * made.duration:.3g} s" in loop.stages[0].message
+    assert f"up to {LONGEST * made.duration:.3g} s of experiments" in loop.stages[0].message
     began = 0.3 * GALLERY["coupled_heaters"].horizon
     assert loop.time - began <= LONGEST * made.duration
     record = loop.history.record(began + 0.15 * made.duration)

@@ -16,6 +16,7 @@ import numpy as np
 
 from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.friction import Body
+from fopid_core.design.loop_worth import control_rate_in_noise
 from fopid_core.model.evaluation import default_horizon
 from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
@@ -41,6 +42,9 @@ SLOWER_YET = 0.7
 MORE_GAIN, MOST_LEFT = 2.0, 2.0
 """A process may answer large moves so many times as strongly. At a pace, which takes phase of its own, gains must not
 swing then either, which leaves many times the error of what runs."""
+CLEAR_OF_NOISE = 3.0
+"""A pace below so many standard deviations of the control's moves in mere noise holds the derivative back at rest: then
+the loop is another one than was verified."""
 RAMPS = (0.6, 0.4, 0.25, 0.15, 0.08)
 """Of what a slow actuator can follow: shares that the setpoint's ramp is tried with."""
 MOST_TICKS = 20_000
@@ -111,6 +115,7 @@ class FlawTrial:
     ) -> None:  # fmt: skip
         self._process, self._flaws, self._sample_time, self._room = process, flaws, sample_time, room
         self._ticks, self._pace, self._antiwindup = _ticks_until_rest(running, sample_time), pace, antiwindup
+        self._level = noise
         self._noise = noise * np.random.default_rng(_SEED).standard_normal(self._ticks)
         self._errors: dict[tuple[Loop, _Move, Pace], float] = {}
         self._steps = self._large_steps(running)
@@ -121,6 +126,11 @@ class FlawTrial:
     def refusal(self, loop: Loop, pace: Pace = UNPACED) -> str:
         """Why gains may not be used at this pace; empty where they leave hardly more error than what runs."""
         is_paced = pace & self._pace != self._pace
+        if is_paced and math.isfinite(pace.control):
+            moves = self._level * control_rate_in_noise(loop, self._sample_time)
+            if CLEAR_OF_NOISE * moves > pace.control:
+                held = f"a control that noise alone moves by {moves:.3g} a second would be held to {pace.control:.3g}"
+                return f"{self._flaws}: {held}"
         for move, before in self._before.items():
             if move.gain > 1.0 and not is_paced:
                 continue

@@ -99,6 +99,22 @@ def noise_gain(loop: Loop, sample_time: float, spectrum: NoiseSpectrum | None = 
     return math.sqrt(area / math.pi)
 
 
+def control_rate_in_noise(loop: Loop, sample_time: float) -> float:
+    """Standard deviation of the control's moves from tick to tick, over that of white noise at the ticks [1/s].
+
+    Examples
+    --------
+    >>> from fopid_core.model.fopid import Fopid
+    >>> from fopid_core.model.process import Process
+    >>> idle = Loop(Process.parse("0.001/(s+1)"), Fopid(kp=2.0))  # moves by 2 times the difference of two such noises
+    >>> round(control_rate_in_noise(idle, 0.01) / (2.0 * math.sqrt(2.0) / 0.01), 3)
+    1.0
+    """
+    theta = np.linspace(0.0, math.pi, 4 * _POINTS + 1)[1:]
+    power = _control_from_noise(loop, sample_time, theta) * np.abs(np.expm1(1j * theta)) ** 2
+    return math.sqrt(float(np.trapezoid(power, theta)) / math.pi) / sample_time
+
+
 def _control_from_noise(loop: Loop, sample_time: float, theta: Floats) -> Floats:
     """|C F S|^2 of the sampled loop, at frequencies [rad]."""
     settings = as_designed(loop.controller, sample_time, loop.filter, loop.weights)
