@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -71,6 +72,25 @@ def test_gains_that_a_pace_holds_by_a_hair_are_refused(trial: FlawTrial) -> None
     assert swing(RATE, pace, 0.0, 10.0, gain=2.0, gains=BY_A_HAIR.controller) > 10.0
     for load, setpoint in ((0.0, 10.0), (10.0, 0.0)):
         assert swing(RATE, trial.pace(LIVELY), setpoint, load, gain=2.0) < 1e-3
+
+
+def test_a_pace_that_noise_alone_runs_into_is_none() -> None:
+    """It holds the derivative back at rest; how fast noise moves the control is counted over 4000 explicit ticks."""
+    level, random = 0.02, np.random.default_rng(5)
+    controller = FopidController(as_designed(LIVELY.controller, TICK, NO_FILTER, WHOLE_SETPOINT))
+    noisy = FlawTrial(PROCESS, Flaws(rate=RATE), TICK, level, START, ROOM)
+    said = re.search(r"noise alone moves by (\S+) a second", noisy.refusal(LIVELY, noisy.pace(LIVELY)))
+    assert said is not None
+    first = second = 0.0
+    seen = []
+    for noise in (level * random.standard_normal(4000)).tolist():
+        seen.append(controller.step(0.0, second + noise))
+        for _ in range(20):
+            first += TICK / 20 * (seen[-1] - first) / 7.0
+            second += TICK / 20 * (first - second) / 1.5
+    assert float(said[1]) == pytest.approx(np.std(np.diff(seen)) / TICK, rel=0.05)
+    quiet = FlawTrial(PROCESS, Flaws(rate=RATE), TICK, 0.03 * level, START, ROOM)
+    assert quiet.refusal(LIVELY, quiet.pace(LIVELY)) == ""
 
 
 def test_what_needs_no_pace_is_not_asked_for_more_gain() -> None:
