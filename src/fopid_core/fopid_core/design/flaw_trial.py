@@ -126,7 +126,7 @@ class FlawTrial:
     def refusal(self, loop: Loop, pace: Pace = UNPACED) -> str:
         """Why gains may not be used at this pace; empty where they leave hardly more error than what runs."""
         is_paced = pace & self._pace != self._pace
-        if is_paced and math.isfinite(pace.control):
+        if is_paced and loop.controller.kd and math.isfinite(pace.control):
             moves = self._level * control_rate_in_noise(loop, self._sample_time)
             if CLEAR_OF_NOISE * moves > pace.control:
                 held = f"a control that noise alone moves by {moves:.3g} a second would be held to {pace.control:.3g}"
