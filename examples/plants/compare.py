@@ -232,7 +232,7 @@ def table(found: Mapping[str, list[Row]]) -> str:
     verdicts = {name: verdict(seen) for name, seen in found.items()}
     lines += [each.line(name) for name, each in verdicts.items()]
     good = sum(each.met for each in verdicts.values())
-    lines += ["", f"The aim is met on {good} of {len(found)}.", "", "### Every figure", "", HEAD]
+    lines += ["", f"The aim is met on {good} of {len(found)}.", "", "## Every figure", "", HEAD]
     for name, seen in found.items():
         lines += [row.line(name) for row in seen]
     return "\n".join(lines) + "\n"
