@@ -95,8 +95,12 @@ def noise_gain(loop: Loop, sample_time: float, spectrum: NoiseSpectrum | None = 
         return math.sqrt(float(np.asarray(spectrum.share) @ _control_from_noise(loop, sample_time, seen)))
     theta = np.union1d(np.geomspace(1e-6, math.pi, _POINTS), np.linspace(0.0, math.pi, _POINTS + 1)[1:])
     gain = _control_from_noise(loop, sample_time, theta)
-    area = float(np.sum(0.5 * (gain[1:] + gain[:-1]) * np.diff(theta)))
-    return math.sqrt(area / math.pi)
+    return math.sqrt(_area(gain, theta) / math.pi)
+
+
+def _area(heights: Floats, theta: Floats) -> float:
+    """Below straight lines; numpy calls that by other names before and after its version 2."""
+    return float(np.sum(0.5 * (heights[1:] + heights[:-1]) * np.diff(theta)))
 
 
 def control_rate_in_noise(loop: Loop, sample_time: float) -> float:
@@ -112,7 +116,7 @@ def control_rate_in_noise(loop: Loop, sample_time: float) -> float:
     """
     theta = np.linspace(0.0, math.pi, 4 * _POINTS + 1)[1:]
     power = _control_from_noise(loop, sample_time, theta) * np.abs(np.expm1(1j * theta)) ** 2
-    return math.sqrt(float(np.trapezoid(power, theta)) / math.pi) / sample_time
+    return math.sqrt(_area(power, theta) / math.pi) / sample_time
 
 
 def _control_from_noise(loop: Loop, sample_time: float, theta: Floats) -> Floats:
