@@ -166,7 +166,7 @@ class Verdict:
     more : tuple of str
         Of load and variation, what is more than that rule's.
     dominated : bool
-        Whether a rule that moves the control no more leaves less after a load.
+        Whether a rule that moves the control no more leaves less after a load, or the start was kept.
     """
 
     least: str
@@ -209,7 +209,7 @@ def verdict(compared: list[Row]) -> Verdict:
     load, variation = (_beside(ours.seen, best.seen, figure) for figure in ("load", "variation"))
     more = tuple(figure for figure in ("load", "variation") if ours.seen.exceeds(best.seen, figure))
     quieter = [row for row in rules if not row.seen.exceeds(ours.seen, "variation")]
-    dominated = any(ours.seen.exceeds(row.seen, "load") for row in quieter)
+    dominated = "kept" in ours.label or any(ours.seen.exceeds(row.seen, "load") for row in quieter)
     return Verdict(least, best.label, load, variation, against, more, dominated)
 
 

@@ -79,6 +79,8 @@ def test_who_leaves_more_is_dominated_where_a_rule_that_moves_no_more_leaves_les
         found = verdict([start, loud, quiet, Row("autotune", seen(load, variation=4.0))])
         assert (found.rule, found.met, found.dominated) == ("SIMC PID", False, dominated)
         assert ("no rule that moves as little leaves less" in found.line("plant")) is not dominated
+    kept = verdict([start, loud, Row("autotune (kept the start)", seen(0.6, variation=4.0))])
+    assert "**no**" in kept.line("plant"), "to move little is no merit of who has changed nothing"
     assert "less error for more movement" in verdict([start, quiet, Row("autotune", seen(0.4))]).line("plant")
 
 
