@@ -9,7 +9,7 @@ the actuator can follow.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,6 +47,11 @@ CLEAR_OF_NOISE = 3.0
 the loop is another one than was verified."""
 RAMPS = (0.6, 0.4, 0.25, 0.15, 0.08)
 """Of what a slow actuator can follow: shares that the setpoint's ramp is tried with."""
+LARGER_LOADS = (2.0, 3.0)
+"""So many times that load must be borne where the setpoint alone is held back: a load may set a loop swinging for ever
+that no step of the setpoint does any more."""
+GAINED = 0.9
+"""A ramp that nothing demands is worth it where it leaves no more than this share of the error without it."""
 MOST_TICKS = 20_000
 _SEED = 1
 
@@ -122,24 +127,37 @@ class FlawTrial:
         moves = [] if large_only else self._small_moves()
         moves += [move for step in self._steps for move in step]
         self._before = {move: self._error(running, move, UNPACED) for move in moves}
+        self._running = running
 
     def refusal(self, loop: Loop, pace: Pace = UNPACED) -> str:
         """Why gains may not be used at this pace; empty where they leave hardly more error than what runs."""
-        is_paced = pace & self._pace != self._pace
-        if is_paced and loop.controller.kd and math.isfinite(pace.control):
+        if self._is_paced(pace) and loop.controller.kd and math.isfinite(pace.control):
             moves = self._level * control_rate_in_noise(loop, self._sample_time)
             if CLEAR_OF_NOISE * moves > pace.control:
                 held = f"a control that noise alone moves by {moves:.3g} a second would be held to {pace.control:.3g}"
                 return f"{self._flaws}: {held}"
-        for move, before in self._before.items():
-            if move.gain > 1.0 and not is_paced:
-                continue
+        for move, before in self._borne_at(pace):
             error = self._error(loop, move, pace)
             if math.isinf(error):
                 return f"{self._flaws}: after {move.told} the loop runs away"
             if error > self._allowed(move, pace) * before:
                 return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""
+
+    def _is_paced(self, pace: Pace) -> bool:
+        """Whether that holds the controller to more than it is held to now."""
+        return pace & self._pace != self._pace
+
+    def _borne_at(self, pace: Pace) -> Iterator[tuple[_Move, float]]:
+        """What gains must bear at a pace, with the error of what runs."""
+        for move, before in self._before.items():
+            if move.gain == 1.0 or self._is_paced(pace):
+                yield move, before
+        if self._is_paced(pace) and pace.control >= self._pace.control:
+            for _, load in self._steps:
+                for times in LARGER_LOADS if load.gain == 1.0 else ():
+                    larger = replace(load, load=times * load.load, told=f"a load of {times * load.load:.2g}")
+                    yield larger, self._error(self._running, larger, UNPACED)
 
     def _allowed(self, move: _Move, pace: Pace) -> float:
         """How many times the error of what runs may be left."""
@@ -148,14 +166,33 @@ class FlawTrial:
         return SETPOINT_WORSE if move.setpoint and pace.setpoint < self._pace.setpoint else WORSE
 
     def pace(self, loop: Loop) -> Pace:
-        """What a controller is best held to before an actuator that is slow; no limits before one that is not."""
+        """What a controller is best held to before an actuator that is slow; no limits before one that is not.
+
+        That is a ramp of the setpoint alone where gains may be used with that, but not at the actuator's pace.
+        """
         if not self._steps:
             return UNPACED
         steps, loads = zip(*self._steps, strict=True)
         control = min((load.rate for load in loads), key=lambda rate: self._left(loop, Pace(rate), loads))
-        follows = steps[0].setpoint * self._flaws.rate / (MOVE_SHARE * (self._room[1] - self._room[0]))
-        paces = [Pace(control, share * follows) for share in RAMPS]
-        return min(paces, key=lambda pace: self._left(loop, pace, steps))
+        both, ramp = min(self._ramps(control), key=lambda pace: self._left(loop, pace, steps)), self.ramp(loop)
+        return ramp if self.refusal(loop, both) and not self.refusal(loop, ramp) else both
+
+    def ramp(self, loop: Loop) -> Pace:
+        """How fast the setpoint is best moved before an actuator that is slow; no limit where that gains little."""
+        if not self._steps:
+            return UNPACED
+        steps = [step for step, _ in self._steps if step.gain == 1.0]
+        best = min(self._ramps(math.inf), key=lambda pace: self._most(loop, pace, steps))
+        return best if self._most(loop, best, steps) < GAINED * self._most(loop, UNPACED, steps) else UNPACED
+
+    def _ramps(self, control: float) -> list[Pace]:
+        """Paces with ramps of the setpoint that a slow actuator can follow."""
+        follows = self._steps[0][0].setpoint * self._flaws.rate / (MOVE_SHARE * (self._room[1] - self._room[0]))
+        return [Pace(control, share * follows) for share in RAMPS]
+
+    def _most(self, loop: Loop, pace: Pace, moves: Sequence[_Move]) -> float:
+        """The largest error after moves, beside that of what runs."""
+        return max(self._error(loop, move, pace) / self._before[move] for move in moves)
 
     def _left(self, loop: Loop, pace: Pace, moves: Sequence[_Move]) -> float:
         """Error after moves, beside what may be left, where it is largest."""

@@ -231,13 +231,16 @@ class Autotuner:
         for _ in range(EXPERIMENTS):
             ended = self._experiment.excite(is_over)
             if ended:
-                return Outcome(message=f"the experiment was stopped, nothing was changed: {ended}")
-            outcome = self._learn(began)
-            if outcome.success or not self._experiment.fits:
+                outcome = Outcome(message=f"the experiment was stopped, nothing was changed: {ended}")
+                widened = self._experiment.fits and self._experiment.widen_after_escape()
+            else:
+                outcome = self._learn(began)
+                nothing_was_learnt = outcome.tuned is None
+                widened = self._experiment.fits and nothing_was_learnt and self._experiment.widen()
+            if outcome.success or not self._experiment.fits or ended and not widened:
                 break
-            nothing_was_learnt = outcome.tuned is None
             # What hid the process in smaller moves would do so again: it is learnt from alone.
-            if nothing_was_learnt and self._experiment.widen():
+            if widened:
                 began, sufficiency = self._tap.history.newest_time("control"), self._sufficiency()
         if not outcome.success or self._request.propose_only:
             return outcome
@@ -320,7 +323,7 @@ class Autotuner:
                 pace, against = self._in_large_moves(outcome, running)
         except InputError as error:
             against = f"it is not known how fast the actuator is: {error}"
-        if pace is not None and self._rate < possible / AGREE:
+        if pace is not None and pace.control < running.controller.pace.control and self._rate < possible / AGREE:
             self._learnt = learnt
             against = f"pulses are not answered as by an actuator of {possible:.3g} a second or more"
         return pace, against
@@ -348,8 +351,9 @@ class Autotuner:
         )
         new = Loop(process, tuning.controller, filter=tuning.filter, weights=tuning.weights)
         held = running.controller.pace
-        if not trial.refusal(new, held):
-            return None, ""
+        ramp = trial.ramp(new) & held
+        if not (trial.refusal(new, held) and trial.refusal(new, ramp)):
+            return (ramp if ramp != held else None), ""
         pace = trial.pace(new) & held
         return pace, trial.refusal(new, pace)
 

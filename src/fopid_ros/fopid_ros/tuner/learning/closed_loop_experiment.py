@@ -31,6 +31,8 @@ TICKS_LEAST = 20
 PROBE_SHARE, PROBE_SHARE_UNTIL_KNOWN, PROBES = 1.0 / 12.0, 1.0 / 24.0, 8
 """Share of that length that a probe is held at most, also of an experiment that ends when enough is known, and how many
 there are at most."""
+LEAST_TICKS = 2
+"""So many ticks of the controller is a move held at least."""
 QUICK, LATE, LONGER, PROBE_SHARE_MOST = 1, 1.2, 2.0, 1.0 / 6.0
 """After so many probes without an answer, or one whose answer came after so many holds, the next is held so much
 longer, at most that share of the length: the answer may come behind a delay, or go the other way at first."""
@@ -311,6 +313,18 @@ class ClosedLoopExperiment:
         asked = self._wanted.deviation_max or self._wanted.amplitude or self._before.moved
         return not (self._widened or asked) and self.loop.bump > self.loop.deviation_max
 
+    def widen_after_escape(self) -> bool:
+        """After one that ended outside a band that nobody asked for: allow more, as ``widen`` does, if the loop bears it.
+
+        Returns
+        -------
+        bool
+            Whether it may go further, and the loop does not go further than that by itself.
+        """
+        if not (self.escaped and self.may_widen):
+            return False
+        return self.settle("exciting", 0.1, self.loop.bump) <= self.loop.bump and self.widen()
+
     def comes_back(self) -> bool:
         """Wait whether a loop that was taken to its bounds comes back from there, without going much further out."""
         borne = BARELY * self.loop.deviation_max
@@ -355,7 +369,7 @@ class ClosedLoopExperiment:
 
     def _settings(self, kind: str, amplitude: float, duration: float) -> ExcitationSettings:
         loop = self.loop
-        hold = max(duration / EXCITATIONS[kind], 3.0 * loop.controller.sample_time)
+        hold = max(duration / EXCITATIONS[kind], LEAST_TICKS * loop.controller.sample_time)
         return ExcitationSettings(
             kind=kind, amplitude=math.copysign(amplitude, loop.controller.gains.kp or 1.0), acts_on="control",
             low=loop.setpoint - loop.deviation_max, high=loop.setpoint + loop.deviation_max,

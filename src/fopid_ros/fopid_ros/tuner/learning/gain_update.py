@@ -187,10 +187,13 @@ def read_running_controller(client: ControllerClient) -> RunningController:
 
 def held_to(pace: Pace, moves: str = "moves", now: str = " now") -> str:
     """What is said of a pace that the actuator can follow."""
-    return (
-        f"the actuator may be slow: the control {moves} by no more than {pace.control:.3g} a second{now} "
-        f"(control_rate_max), the setpoint by {pace.setpoint:.3g} (setpoint_rate_max)"
-    )
+    limits = {"control": (pace.control, "control_rate_max"), "setpoint": (pace.setpoint, "setpoint_rate_max")}
+    told = [
+        f"the {what} {moves} by no more than {most:.3g} a second{now} ({name})"
+        for what, (most, name) in limits.items()
+        if math.isfinite(most)
+    ]
+    return f"the actuator may be slow: {', '.join(told)}"
 
 
 def counting_as_none(deadband: float, count: str = "count") -> str:

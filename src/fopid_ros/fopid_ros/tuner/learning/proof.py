@@ -30,19 +30,20 @@ SWING_SHARE, DYING = 0.25, 0.7
 time before, does not come to rest."""
 PROVED_SHARE, WORTH_A_MOVE = 0.5, 1.5
 """How far of the allowed deviation it is moved in the end, and from which factor on once more for that."""
-PULSES, CAREFUL, SHORTEST_TICKS, MOST_TICKS = 4, 0.5, 3, 20_000
-"""So many pulses show how fast the actuator is, after one that is meant to go so far of that. Each takes so many ticks
-at least; after it so many are looked at, at most."""
+PULSES, CAREFUL, SEEN, SHORTEST_TICKS, MOST_TICKS = 4, 0.5, 5.0, 2, 20_000
+"""So many pulses show how fast the actuator is, after one that is meant to go so far of that. Each is answered by so
+many standard deviations of the noise, summed over the answer, and takes so many ticks at least; after it so many are
+looked at, at most."""
 RESTLESS = 3.0
 """A loop whose measurement spreads at rest by so many times what it did before hunts: a good loop makes at most twice
 its noise of it (max |S|)."""
 
 
-def _peak_of_a_pulse(process: Process, sample_time: float, ticks: int) -> float:
-    """How far a process goes within some ticks after its control was moved by 1 for one of them."""
+def _answer_to_a_pulse(process: Process, sample_time: float, ticks: int) -> tuple[float, float]:
+    """Peak and root of the summed squares, over some ticks after a process's control was moved by 1 for one of them."""
     plant = plant_of(PlantSettings(process, sample_time, delay_model="exact"))
-    moves = [1.0, *[0.0] * min(ticks, MOST_TICKS)]
-    return max(abs(plant.step(move)) for move in moves)
+    answer = [plant.step(move) for move in (1.0, *[0.0] * min(ticks, MOST_TICKS))]
+    return max(abs(each) for each in answer), math.hypot(*answer)
 
 
 class Proof(ClosedLoopExperiment):
@@ -92,6 +93,9 @@ class Proof(ClosedLoopExperiment):
     def pulse(self, process: Process, response_time: float) -> str:
         """Show how fast the actuator is by pulses: moves as large as any, too short to take the measurement far.
 
+        An actuator that has not come to where it was told when it is told to come back leaves less of an answer for
+        good; one that has is merely later. So pulses are as short as are seen.
+
         Parameters
         ----------
         process : Process
@@ -104,15 +108,16 @@ class Proof(ClosedLoopExperiment):
         str
             As of ``prove``.
         """
-        tick, allowed = self.loop.controller.sample_time, PROVED_SHARE * self.loop.deviation_max
+        tick, allowed, most = self.loop.controller.sample_time, PROVED_SHARE * self.loop.deviation_max, self._most()
         window = max(PROVED_RESPONSES * response_time, self.rest_window)
-        peak = _peak_of_a_pulse(process, tick, math.ceil(window / tick))
+        peak, size = _answer_to_a_pulse(process, tick, math.ceil(window / tick))
         area = allowed / max(peak, 1e-300)  # ticks of a unit move
+        seen = min(SEEN * self.loop.unrest / max(most * size, 1e-300), response_time / tick)
         share, larger, made, against = CAREFUL, 1.0, 0, ""
         while made < PULSES and not against:
-            wanted = min(self._most(), share * area / SHORTEST_TICKS)
+            ticks = max(round(min(seen, share * area / most)), SHORTEST_TICKS)
+            wanted = min(most, share * area / ticks)
             amplitude = min(wanted, larger * self._amplitude)
-            ticks = max(min(share * area / amplitude, response_time / tick), SHORTEST_TICKS)
             against = self._moved(amplitude, ticks * tick)
             self._watched(PROVED_RESPONSES * response_time)
             made += share == 1.0 and amplitude == wanted
