@@ -50,7 +50,7 @@ RAMPS = (0.6, 0.4, 0.25, 0.15, 0.08)
 LARGER_LOADS = (2.0, 3.0)
 """So many times that load must be borne where the setpoint alone is held back: a load may set a loop swinging for ever
 that no step of the setpoint does any more."""
-GAINED = 0.9
+GAINED = 0.75
 """A ramp that nothing demands is worth it where it leaves no more than this share of the error without it."""
 MOST_TICKS = 20_000
 _SEED = 1

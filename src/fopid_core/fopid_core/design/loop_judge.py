@@ -37,8 +37,6 @@ AHEAD, AHEAD_IN_NOISE, SHORT_WEIGHT = 0.8, 0.6, 2.0
 """Of the rule of the textbooks with the least load error on the learnt process: the share of that error, and of its
 movement, that is aimed at, which is known less well; and how much more than other errors it counts to leave or to
 move more than that."""
-MORE_THAN_NOW = 1.7
-"""In a further round, where no rule leaves less than what runs, so many times its movement is aimed at."""
 BEATEN = 1.1
 """Designs that leave so many times the rule's error may move the control as much as it does."""
 ALIKE = 1.2
@@ -177,11 +175,12 @@ class LoopJudge:
     def noise_gain_aim(self) -> float:
         """What is allowed of the noise gain, and no more than the textbook needs, unless that hardly moves it.
 
-        Of rules that leave about as much, the quietest says that: on the plant itself it may be the best.
+        Of rules that leave about as much, the quietest says that: on the plant itself it may be the best. In a further
+        round, where no rule leaves less than what runs, no more than that is moved now.
         """
         before, hardly = min(self.noise_gain_max, self.running.noise_gain_aim), HARDLY_MOVES * self.noise_gain_max
         if self.textbook is None and math.isfinite(self.running.noise_gain_aim):
-            return min(before, max(MORE_THAN_NOW * self._quietest, hardly))
+            return max(min(before, hardly), self._quietest)
         if self.textbook is None or math.isinf(self.noise_gain_max):
             return max(before, self._quietest)
         quietest = min(rule.noise_gain for rule in self._rules if rule.load <= ALIKE * self.textbook.load)

@@ -45,7 +45,7 @@ MOVED_SHARE = 0.5
 LIVELIER = 5.0
 """Gains that act so many times as strongly as before, where a controller would, make a loop that works where the record
 of the loop before hardly shows the process."""
-MORE_MOVEMENT = 1.7
+MORE_MOVEMENT = 3.0
 """What a second round may aim at of the control's movement from noise, in what was aimed at before."""
 NO_TIME = "gains are to be had that hold the setpoint better, for which no time was left: autotune once more"
 """What is said instead of a second round."""
@@ -232,12 +232,12 @@ class Autotuner:
             ended = self._experiment.excite(is_over)
             if ended:
                 outcome = Outcome(message=f"the experiment was stopped, nothing was changed: {ended}")
-                widened = self._experiment.fits and self._experiment.widen_after_escape()
+                widened = self._experiment.widen_after_escape()
             else:
                 outcome = self._learn(began)
                 nothing_was_learnt = outcome.tuned is None
                 widened = self._experiment.fits and nothing_was_learnt and self._experiment.widen()
-            if outcome.success or not self._experiment.fits or ended and not widened:
+            if outcome.success or (ended and not widened) or not self._experiment.fits:
                 break
             # What hid the process in smaller moves would do so again: it is learnt from alone.
             if widened:
@@ -323,7 +323,7 @@ class Autotuner:
                 pace, against = self._in_large_moves(outcome, running)
         except InputError as error:
             against = f"it is not known how fast the actuator is: {error}"
-        if pace is not None and pace.control < running.controller.pace.control and self._rate < possible / AGREE:
+        if pace is not None and math.isfinite(pace.control) and self._rate < possible / AGREE:
             self._learnt = learnt
             against = f"pulses are not answered as by an actuator of {possible:.3g} a second or more"
         return pace, against
@@ -351,7 +351,7 @@ class Autotuner:
         )
         new = Loop(process, tuning.controller, filter=tuning.filter, weights=tuning.weights)
         held = running.controller.pace
-        ramp = trial.ramp(new) & held
+        ramp = trial.ramp(new) & held if held == now.pace else held
         if not (trial.refusal(new, held) and trial.refusal(new, ramp)):
             return (ramp if ramp != held else None), ""
         pace = trial.pace(new) & held

@@ -314,14 +314,14 @@ class ClosedLoopExperiment:
         return not (self._widened or asked) and self.loop.bump > self.loop.deviation_max
 
     def widen_after_escape(self) -> bool:
-        """After one that ended outside a band that nobody asked for: allow more, as ``widen`` does, if the loop bears it.
+        """After one that ended outside a band that nobody asked for: allow more, as ``widen`` does.
 
         Returns
         -------
         bool
-            Whether it may go further, and the loop does not go further than that by itself.
+            Whether it may go further, there is time, and the loop does not go further than that by itself.
         """
-        if not (self.escaped and self.may_widen):
+        if not (self.escaped and self.may_widen and self.fits):
             return False
         return self.settle("exciting", 0.1, self.loop.bump) <= self.loop.bump and self.widen()
 
