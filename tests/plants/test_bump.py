@@ -70,3 +70,31 @@ def test_a_loop_that_runs_off_is_not_waited_for() -> None:
     begun = loop.time
     assert not experiment.comes_back()
     assert loop.time - begun < 0.1 * experiment.duration
+
+
+def escaped(settings: ExperimentSettings | None = None) -> tuple[VirtualLoop, ClosedLoopExperiment]:
+    """The same, once a move has taken the measurement out of its band."""
+    loop, experiment = measured(settings)
+    experiment.escaped = "measurement 1.1 left the band"
+    return loop, experiment
+
+
+def test_a_band_that_nobody_asked_for_is_widened_where_the_loop_left_it_and_stays_within_a_bump() -> None:
+    """A level behind a valve that sticks swings by itself once it is moved, further than forty noises."""
+    loop, experiment = escaped()
+    before, bump = experiment.loop.deviation_max, experiment.loop.bump
+    loop.plant.load = 0.05 * EXHIBIT.load
+    assert experiment.widen_after_escape()
+    assert experiment.loop.deviation_max == bump > before
+
+
+def test_not_where_it_runs_off_nor_where_somebody_has_said_how_far() -> None:
+    loop, experiment = escaped()
+    before = experiment.loop.deviation_max
+    loop.setpoint += 1.5 * experiment.loop.bump
+    assert not experiment.widen_after_escape()
+    assert experiment.loop.deviation_max == before
+    _, asked = escaped(ExperimentSettings(deviation_max=0.05))
+    assert not asked.widen_after_escape()
+    _, inside = measured()
+    assert not inside.widen_after_escape()

@@ -143,6 +143,24 @@ def test_a_few_pulses_show_how_fast_an_actuator_is_and_take_the_measurement_nowh
     assert found == pytest.approx(rate, rel=0.15) if rate < 1e3 else found > 40.0
 
 
+def test_pulses_are_so_short_that_an_actuator_without_limits_is_not_taken_for_a_slow_one() -> None:
+    """By pulses as long as a response 263 a second could not be excluded, and its gains were held to that."""
+    loop = VirtualLoop(GALLERY["drawn_47"], 1)
+    loop.run(4.0)
+    for added in (0.0, 2.0, -2.0, 2.0, 0.0, -2.0, 2.0, 0.0):
+        loop.inject(added)
+        loop.run(0.7)
+    learnt = identify(loop.history.record())
+    assert learnt.best is not None, learnt.message
+    loop.set(gains=Fopid(2.37, 5.72, 0.102), measurement_filter_order=2, measurement_filter_time=0.0435)
+    loop.run(3.0)
+    made = proof_of(loop, 5.0)
+    assert made.prove(0.25) == ""
+    assert made.pulse(learnt.best.process, 0.25) == ""
+    slow = behind_slow_actuator(loop.history.record(), learnt, possible=True)
+    assert slow is None or slow.flaws.rate > 500.0
+
+
 class Deaf(VirtualLoop):
     """Its controller does not hear of a pace alone."""
 

@@ -93,6 +93,35 @@ def test_a_pace_that_noise_alone_runs_into_is_none() -> None:
     assert quiet.refusal(LIVELY, quiet.pace(LIVELY)) == ""
 
 
+CAREFUL, BRISK = Loop(PROCESS, Fopid(kp=1.0, ki=0.1)), Loop(PROCESS, Fopid(kp=5.5, ki=1.5, kd=5.0))
+
+
+def test_where_noise_forbids_a_pace_the_setpoint_alone_is_held_back() -> None:
+    """The controller moves its control as it likes, and comes to rest from loads of up to 0.3 of the range as well."""
+    noisy = FlawTrial(PROCESS, Flaws(rate=RATE), TICK, 0.02, CAREFUL, ROOM)
+    assert "after a setpoint step" in noisy.refusal(BRISK)
+    pace = noisy.pace(BRISK)
+    assert math.isinf(pace.control)
+    assert 0.1 * RATE < pace.setpoint < RATE
+    assert noisy.refusal(BRISK, pace) == ""
+    assert swing(0.7 * RATE, UNPACED, 10.0, 0.0, gains=BRISK.controller) > 10.0
+    for setpoint, load in ((10.0, 0.0), (30.0, 0.0), (0.0, 10.0), (0.0, 20.0), (0.0, 30.0)):
+        for rate in (0.7 * RATE, RATE):
+            assert swing(rate, pace, setpoint, load, gains=BRISK.controller) < 1e-3
+
+
+def test_not_where_a_large_load_would_set_the_loop_swinging_all_the_same(trial: FlawTrial) -> None:
+    ramp = trial.ramp(BY_A_HAIR)
+    assert math.isfinite(ramp.setpoint)
+    assert "after a load of" in trial.refusal(BY_A_HAIR, ramp)
+    assert swing(RATE, ramp, 10.0, 0.0, gains=BY_A_HAIR.controller) < 1e-3
+    assert swing(RATE, ramp, 0.0, 30.0, gains=BY_A_HAIR.controller) > 10.0
+
+
+def test_a_ramp_that_gains_little_is_none(trial: FlawTrial) -> None:
+    assert trial.ramp(CAREFUL) == UNPACED
+
+
 def test_what_needs_no_pace_is_not_asked_for_more_gain() -> None:
     trial = FlawTrial(PROCESS, Flaws(rate=1e4), TICK, 0.0, START, ROOM)
     fragile = Loop(PROCESS, Fopid(kp=40.0, ki=30.0, kd=15.0))  # at twice the gain it runs away in small moves

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from fopid_core.design.loop_judge import AHEAD, AHEAD_IN_NOISE, ALIKE, BEHIND, PLAIN, LoopJudge, RunningGains
+from fopid_core.design.loop_judge import (
+    AHEAD,
+    AHEAD_IN_NOISE,
+    ALIKE,
+    BEHIND,
+    HARDLY_MOVES,
+    PLAIN,
+    LoopJudge,
+    RunningGains,
+)
 from fopid_core.design.loop_worth import LoopWorth, loop_worth
 from fopid_core.design.sampled_loop import running
 from fopid_core.model.fopid import Fopid
@@ -46,6 +55,14 @@ def test_a_second_round_aims_at_no_more_movement_than_the_first(judge: LoopJudge
     for earlier, expected in ((2.0 * aim, aim), (0.9 * aim, 0.9 * aim), (1e-6, judge.worth(judge.runs).noise_gain)):
         judge.running = replace(judge.running, noise_gain_aim=earlier)
         assert judge.noise_gain_aim == pytest.approx(expected), "what runs moves it as much"
+
+
+def test_a_second_round_aims_at_no_more_than_now_where_no_rule_does_better(alone: LoopJudge) -> None:
+    """A crane's second round, whose first left less than all rules, moved the control eightfold for that."""
+    judge, now = copy.copy(alone), alone.worth(alone.runs).noise_gain
+    assert judge.noise_gain_aim == judge.noise_gain_max
+    judge.running = replace(judge.running, noise_gain_aim=0.9 * judge.noise_gain_max)
+    assert judge.noise_gain_aim == pytest.approx(max(now, HARDLY_MOVES * judge.noise_gain_max))
 
 
 @pytest.mark.parametrize(("gains", "weights"), [
