@@ -195,6 +195,36 @@ def test_gains_that_need_a_pace_are_kept_with_it_or_not_at_all(hears: bool, monk
         assert loop.design() == before
 
 
+@pytest.mark.parametrize(("pace", "proofs"), [(Pace(7.0, 2.0), 2), (Pace(math.inf, 2.0), 1)])
+def test_a_pace_is_proved_on_the_plant_or_comes_back_with_the_gains(
+    pace: Pace, proofs: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A ramp of the setpoint alone changes nothing at a setpoint that rests."""
+    loop, begun = VirtualLoop(VALVE, 1), []
+    before = loop.design()
+    new = RunningDesign(Fopid(6.2, 1.13, 10.3))
+    loop.run(60.0)
+
+    def applied(self: Autotuner) -> Outcome:
+        update = self._gain_update
+        update._trial, update._previous = new, loop.apply(new, "trial")
+        self._experiment.measure()
+        return self._prove(Outcome(True, "applied", applied=True), update)
+
+    def proved(*_: Any) -> str:
+        begun.append(loop.design().pace)
+        return "the loop hunts" if len(begun) > 1 else ""
+
+    monkeypatch.setattr(Autotuner, "_run", applied)
+    monkeypatch.setattr(Proof, "prove", proved)
+    monkeypatch.setattr(Autotuner, "_in_large_moves", lambda *_: (pace, ""))
+    outcome = tuner_of(loop).run()
+    assert begun == [before.pace, pace][:proofs]
+    assert outcome.applied == (proofs == 1)
+    assert loop.design().pace == (pace if outcome.applied else before.pace)
+    assert loop.gains() == (new.gains if outcome.applied else before.gains)
+
+
 @pytest.mark.parametrize(("found", "believed"), [(19.0, True), (6.8, False)])
 def test_pulses_that_make_it_far_slower_speak_of_something_else(
     found: float, believed: bool, monkeypatch: pytest.MonkeyPatch

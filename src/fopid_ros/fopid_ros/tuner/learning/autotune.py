@@ -300,10 +300,19 @@ class Autotuner:
             return replace(outcome, message=f"{outcome.message}; not moved once more: {error}")
         if against:
             return self._taken_back(outcome, update, against)
-        if pace is None:
-            return outcome
+        return outcome if pace is None else self._held(outcome, update, proof, pace)
+
+    def _held(self, outcome: Outcome, update: GainUpdate, proof: Proof, pace: Pace) -> Outcome:
+        """Hold the controller to a pace, and move the loop with it; those from before come back if it swings on."""
         self._client.hold(pace)  # whoever does not hear that does not keep the gains
-        return replace(outcome, message=f"{outcome.message}; {held_to(pace)}")
+        outcome = replace(outcome, message=f"{outcome.message}; {held_to(pace)}")
+        if math.isinf(pace.control):
+            return outcome
+        try:
+            against = proof.prove(response_time(outcome))
+        except InputError as error:
+            return replace(outcome, message=f"{outcome.message}; not moved once more with that: {error}")
+        return self._taken_back(outcome, update, against) if against else outcome
 
     def _borne_in_large_moves(self, outcome: Outcome, running: LoopBaseline, proof: Proof) -> tuple[Pace | None, str]:
         """The pace that new gains need, and what speaks against them; a few pulses show whether they need one.
