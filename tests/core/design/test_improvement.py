@@ -12,7 +12,7 @@ import pytest
 
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import Record
-from fopid_core.design.improvement import MS_MAX, _is_beaten_by_a_lively_rule, improve
+from fopid_core.design.improvement import LOST, MS_MAX, _is_beaten_by_a_lively_rule, _Trial, improve
 from fopid_core.design.loop_judge import RunningGains
 from fopid_core.design.loop_worth import loop_worth, noise_gain
 from fopid_core.design.robust_verification import RobustLimits, tune_robustly
@@ -105,6 +105,28 @@ def test_of_several_methods_the_best_is_taken(learnt: IdentificationResult) -> N
     before = loop_worth(Loop(learnt.best.process, WEAK), 0.05, 50.0)
     assert best.load < before.load
     assert best.setpoint < before.setpoint
+
+
+@pytest.mark.parametrize(("score", "lost", "expected"), [
+    (9.0, LOST, ["simc-pi"]), (9.0, 1.0, ["simc-pi", "amigo-pi"]), (2.0, LOST, []), (None, LOST, ["simc-pi"]),
+])  # fmt: skip
+def test_others_are_verified_too_where_they_promise_far_more_than_what_may_be_used_of_the_best(
+    score: float | None, lost: float, expected: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the best, whose derivative noise forbade, one at |S| 1.16 was taken: 1.8 times the error of SIMC's PI."""
+    verified: list[str] = []
+
+    def make(self: Any, wanted: str, _: Any) -> None:
+        verified.append(wanted)
+        self.judge.best = {"simc-pi": 2.4, "amigo-pi": 2.2}[wanted], None, wanted
+
+    monkeypatch.setattr(_Trial, "make", make)
+    judge: Any = SimpleNamespace(best=None if score is None else (score, None, "PID time"))
+    promises: Any = [SimpleNamespace(score=1.2, wanted="simc-pi", tuning=None)]
+    promises += [SimpleNamespace(score=2.1, wanted="amigo-pi", tuning=None)]
+    trial: Any = _Trial(*[None] * 4, judge, lambda _: None, [])  # type: ignore[arg-type]
+    trial.make_promising(promises, lost)
+    assert verified == expected
 
 
 def test_only_a_rule_that_leaves_less_and_is_nearer_to_trouble_moves_the_bound_on_ms() -> None:

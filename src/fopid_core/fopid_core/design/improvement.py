@@ -49,6 +49,8 @@ QUIETER = (0.5, 0.25, 0.125)
 hide the process's slow end, since a slow filter takes the phase that larger moves need."""
 MOST_VERIFIED = 4
 """So many designs are verified on all that the record leaves possible, which takes longest."""
+LOST = 2.0
+"""Where only cautious ones of these may be used, and others promise to be so many times better, those are as well."""
 LARGEST, LARGEST_STEP = 100.0, 10.0
 """Gains searched up to where the record does not show the process's slow end, in units of the process's gain about
 where a controller would work, and of the gain that runs there: friction may hide that end, not so in larger moves."""
@@ -176,7 +178,7 @@ def improve(
     trial.make_promising(fit[:MOST_VERIFIED])
     if compare and not trial.is_done:
         trial.make_slower(request)
-        trial.make_promising(fit[MOST_VERIFIED:])
+    trial.make_promising(fit[MOST_VERIFIED:], LOST)
     if not trial.is_done:
         asked_for = len(trial.made)
         trial.make_as_asked(request, only)
@@ -248,10 +250,10 @@ class _Trial:
         """Whether there is a design that may be used."""
         return self.judge.best is not None
 
-    def make_promising(self, fit: Iterable[_Promise]) -> None:
-        """Make those that promise to be better than what there is, the best first."""
+    def make_promising(self, fit: Iterable[_Promise], lost: float = 1.0) -> None:
+        """Make those that promise to be better than what there is, so many times, the best first."""
         for one in fit:
-            if self.judge.best is not None and self.judge.best[0] <= one.score:
+            if self.judge.best is not None and self.judge.best[0] <= lost * one.score:
                 return
             self.make(one.wanted, one.tuning)
 
