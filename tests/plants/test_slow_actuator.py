@@ -220,6 +220,7 @@ def test_a_pace_is_proved_on_the_plant_or_comes_back_with_the_gains(
     monkeypatch.setattr(Autotuner, "_in_large_moves", lambda *_: (pace, ""))
     outcome = tuner_of(loop).run()
     assert begun == [before.pace, pace][:proofs]
+    assert "inf" not in outcome.message
     assert outcome.applied == (proofs == 1)
     assert loop.design().pace == (pace if outcome.applied else before.pace)
     assert loop.gains() == (new.gains if outcome.applied else before.gains)

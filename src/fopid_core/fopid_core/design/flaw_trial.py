@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -154,10 +155,10 @@ class FlawTrial:
             if move.gain == 1.0 or self._is_paced(pace):
                 yield move, before
         if self._is_paced(pace) and pace.control >= self._pace.control:
-            for _, load in self._steps:
-                for times in LARGER_LOADS if load.gain == 1.0 else ():
-                    larger = replace(load, load=times * load.load, told=f"a load of {times * load.load:.2g}")
-                    yield larger, self._error(self._running, larger, UNPACED)
+            loads = [load for _, load in self._steps if load.gain == 1.0]
+            for load, times in product(loads, LARGER_LOADS):
+                larger = replace(load, load=times * load.load, told=f"a load of {times * load.load:.2g}")
+                yield larger, self._error(self._running, larger, UNPACED)
 
     def _allowed(self, move: _Move, pace: Pace) -> float:
         """How many times the error of what runs may be left."""
@@ -174,23 +175,27 @@ class FlawTrial:
             return UNPACED
         steps, loads = zip(*self._steps, strict=True)
         control = min((load.rate for load in loads), key=lambda rate: self._left(loop, Pace(rate), loads))
-        both, ramp = min(self._ramps(control), key=lambda pace: self._left(loop, pace, steps)), self.ramp(loop)
-        return ramp if self.refusal(loop, both) and not self.refusal(loop, ramp) else both
+        both = min(self._ramps(control), key=lambda pace: self._left(loop, pace, steps))
+        if not self.refusal(loop, both):
+            return both
+        ramp = self.ramp(loop)
+        return both if self.refusal(loop, ramp) else ramp
 
     def ramp(self, loop: Loop) -> Pace:
         """How fast the setpoint is best moved before an actuator that is slow; no limit where that gains little."""
         if not self._steps:
             return UNPACED
         steps = [step for step, _ in self._steps if step.gain == 1.0]
-        best = min(self._ramps(math.inf), key=lambda pace: self._most(loop, pace, steps))
-        return best if self._most(loop, best, steps) < GAINED * self._most(loop, UNPACED, steps) else UNPACED
+        best = min(self._ramps(math.inf), key=lambda pace: self._beside_now(loop, pace, steps))
+        without = self._beside_now(loop, UNPACED, steps)
+        return best if self._beside_now(loop, best, steps) < GAINED * without else UNPACED
 
     def _ramps(self, control: float) -> list[Pace]:
         """Paces with ramps of the setpoint that a slow actuator can follow."""
         follows = self._steps[0][0].setpoint * self._flaws.rate / (MOVE_SHARE * (self._room[1] - self._room[0]))
         return [Pace(control, share * follows) for share in RAMPS]
 
-    def _most(self, loop: Loop, pace: Pace, moves: Sequence[_Move]) -> float:
+    def _beside_now(self, loop: Loop, pace: Pace, moves: Sequence[_Move]) -> float:
         """The largest error after moves, beside that of what runs."""
         return max(self._error(loop, move, pace) / self._before[move] for move in moves)
 

@@ -89,7 +89,7 @@ class Autotuner:
 
     Where the record does not show the process's slow end, gains are held back. A second round follows then with them,
     and both rounds' signals are learnt from together. So it does where the gains are much livelier: such a loop shows
-    the process where it works, and is learnt from alone. Either aims at hardly more movement of the control.
+    the process where it works, and is learnt from alone. Either aims at no more than ``MORE_MOVEMENT`` of the first.
 
     References
     ----------
@@ -341,7 +341,7 @@ class Autotuner:
         """What speaks against new gains where the actuator is as slow as all that was heard leaves possible.
 
         Where something does, the pace comes first that the controller has to be held to, and what speaks against them
-        even then, if anything.
+        even then, if anything; where nothing does, a ramp of the setpoint that is far better than none.
         """
         now, rest = self._rest.controller, self._rest
         tuning = outcome.tuned.tuning if outcome.tuned else None

@@ -10,6 +10,7 @@ from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.excitation import Excitation
 from fopid_core.runtime.plant import PlantSettings
 from fopid_ros.tuner.learning.closed_loop_experiment import (
+    LEAST_TICKS,
     MOST_LARGER,
     MOST_SHARE,
     PROBE_SHARE_UNTIL_KNOWN,
@@ -30,10 +31,9 @@ SWING_SHARE, DYING = 0.25, 0.7
 time before, does not come to rest."""
 PROVED_SHARE, WORTH_A_MOVE = 0.5, 1.5
 """How far of the allowed deviation it is moved in the end, and from which factor on once more for that."""
-PULSES, CAREFUL, SEEN, SHORTEST_TICKS, MOST_TICKS = 4, 0.5, 5.0, 2, 20_000
+PULSES, CAREFUL, SEEN, MOST_TICKS = 4, 0.5, 5.0, 20_000
 """So many pulses show how fast the actuator is, after one that is meant to go so far of that. Each is answered by so
-many standard deviations of the noise, summed over the answer, and takes so many ticks at least; after it so many are
-looked at, at most."""
+many standard deviations of the noise, summed over the answer; after it so many ticks are looked at, at most."""
 RESTLESS = 3.0
 """A loop whose measurement spreads at rest by so many times what it did before hunts: a good loop makes at most twice
 its noise of it (max |S|)."""
@@ -115,7 +115,7 @@ class Proof(ClosedLoopExperiment):
         seen = min(SEEN * self.loop.unrest / max(most * size, 1e-300), response_time / tick)
         share, larger, made, against = CAREFUL, 1.0, 0, ""
         while made < PULSES and not against:
-            ticks = max(round(min(seen, share * area / most)), SHORTEST_TICKS)
+            ticks = max(round(min(seen, share * area / most)), LEAST_TICKS)
             wanted = min(most, share * area / ticks)
             amplitude = min(wanted, larger * self._amplitude)
             against = self._moved(amplitude, ticks * tick)
