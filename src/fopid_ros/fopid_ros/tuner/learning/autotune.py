@@ -373,7 +373,7 @@ class Autotuner:
         return replace(outcome, success=False, applied=False, rolled_back=True, message=told)
 
     def _try_others(self, failed: Outcome) -> Outcome:
-        """Where the loop did not bear gains: some for the slow actuator that was found, then those slower.
+        """Where the loop did not bear gains: some that are learnt from that as well, then those slower.
 
         Where it does not bear any of them, those from before stay.
         """
@@ -410,6 +410,7 @@ class Autotuner:
         """What else is tried: how it is called, and how it is made."""
         if self._learnt is None:
             return
+        yield "learnt from that as well, others than those", partial(self._learn, self._tap.history.whole_since)
         if math.isfinite(self._rate):
             yield "for that actuator, others than those", partial(self._designed, update, *self._learnt)
         for share in SLOWER:
