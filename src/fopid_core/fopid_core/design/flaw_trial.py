@@ -35,7 +35,7 @@ MOVE_SHARE = 0.1
 """With a slow actuator steps are tried that take this share of the control's range."""
 WORSE, SETPOINT_WORSE = 1.05, 1.2
 """By how much more error than what runs new gains may leave; and after a large step of the setpoint, where that is made
-a ramp before a slow actuator."""
+a ramp before an actuator that is slower yet than it was learnt to be."""
 KICK_SHARE = 0.5
 """That of the setpoint is not answered with more than this share of it, at the crossover of what runs."""
 SLOWER_YET = 0.7
@@ -46,7 +46,7 @@ swing then either, which leaves many times the error of what runs."""
 CLEAR_OF_NOISE = 3.0
 """A pace below so many standard deviations of the control's moves in mere noise holds the derivative back at rest: then
 the loop is another one than was verified."""
-RAMPS = (0.6, 0.4, 0.25, 0.15, 0.08)
+RAMPS = (1.0, 0.8, 0.6, 0.4, 0.25, 0.15, 0.08)
 """Of what a slow actuator can follow: shares that the setpoint's ramp is tried with."""
 LARGER_LOADS = (2.0, 3.0)
 """So many times that load must be borne where the setpoint alone is held back: a load may set a loop swinging for ever
@@ -125,8 +125,8 @@ class FlawTrial:
         self._noise = noise * np.random.default_rng(_SEED).standard_normal(self._ticks)
         self._errors: dict[tuple[Loop, _Move, Pace], float] = {}
         self._steps = self._large_steps(running)
-        moves = [] if large_only else self._small_moves()
-        moves += [move for step in self._steps for move in step]
+        self._loads = [] if large_only else self._small_loads()
+        moves = self._loads + [move for step in self._steps for move in step]
         self._before = {move: self._error(running, move, UNPACED) for move in moves}
         self._running = running
 
@@ -144,6 +144,16 @@ class FlawTrial:
             if error > self._allowed(move, pace) * before:
                 return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""
+
+    @property
+    def knows_loads(self) -> bool:
+        """Whether loads about as large as a dead band or friction are tried."""
+        return bool(self._loads)
+
+    def load_share(self, loop: Loop) -> float:
+        """Error after such loads, and in noise, beside that of what runs: the geometric mean."""
+        shares = [self._error(loop, load, self._pace) / self._before[load] for load in self._loads]
+        return math.prod(shares) ** (1.0 / len(shares))
 
     def _is_paced(self, pace: Pace) -> bool:
         """Whether that holds the controller to more than it is held to now."""
@@ -164,7 +174,8 @@ class FlawTrial:
         """How many times the error of what runs may be left."""
         if move.gain > 1.0:
             return MOST_LEFT
-        return SETPOINT_WORSE if move.setpoint and pace.setpoint < self._pace.setpoint else WORSE
+        is_ramp = move.setpoint and pace.setpoint < self._pace.setpoint
+        return SETPOINT_WORSE if is_ramp and move.rate < self._flaws.rate else WORSE
 
     def pace(self, loop: Loop) -> Pace:
         """What a controller is best held to before an actuator that is slow; no limits before one that is not.
@@ -203,7 +214,7 @@ class FlawTrial:
         """Error after moves, beside what may be left, where it is largest."""
         return max(self._error(loop, move, pace) / (self._allowed(move, pace) * self._before[move]) for move in moves)
 
-    def _small_moves(self) -> list[_Move]:
+    def _small_loads(self) -> list[_Move]:
         friction = self._flaws.friction
         size = friction.size if friction else float(self._flaws.dead_band)
         rate = self._flaws.rate

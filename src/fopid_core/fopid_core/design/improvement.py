@@ -166,6 +166,8 @@ def improve(
         return Improvement(False, identified.message, tune_robustly(identified, request, limits, clock))
     judge = LoopJudge(identified.best.process, request.sample_time, running, limits.ms_max)
     flawed = _flaw_trial(identified, judge)
+    if flawed is not None:
+        judge.see_flaws(flawed)
 
     def refused(tuning: TuningResult) -> str:
         loop = loop_of(judge.process, tuning)

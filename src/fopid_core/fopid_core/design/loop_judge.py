@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fopid_core.design.defaults import process_gain
-from fopid_core.design.flaw_trial import UNLIMITED
+from fopid_core.design.flaw_trial import UNLIMITED, FlawTrial
 from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
 from fopid_core.design.loop_worth import LoopWorth, loop_worth, noise_gain
 from fopid_core.design.robust_verification import RobustTuning, behind_hold
@@ -109,6 +109,7 @@ class LoopJudge:
         self.process = _held_by(running, process, sample_time)
         self.sample_time, self.running, self._ms_max = sample_time, running, ms_max
         self._judged: dict[Loop, LoopWorth] = {}
+        self._trial: FlawTrial | None = None
         self.crossover, self.noise_excess = 0.0, 0.0
         self.best: tuple[float, RobustTuning, TuningRequest] | None = None
         self.runs = Loop(self.process, running.gains, running.filter, running.weights)
@@ -124,6 +125,10 @@ class LoopJudge:
         self.control_peak = running.control_peak if math.isfinite(running.control_peak) else None
         self.control_rate = running.control_rate if math.isfinite(running.control_rate) else None
 
+    def see_flaws(self, trial: FlawTrial) -> None:
+        """Judge errors after a load by what the loop with its flaws leaves beside what runs, where that is known."""
+        self._trial = trial if trial.knows_loads else None
+
     def horizon(self, loop: Loop) -> float:
         """Over which a loop is looked at [s]: the time in which what runs settles; its own where that does not."""
         return self._horizon or default_horizon(loop)
@@ -136,8 +141,14 @@ class LoopJudge:
             if math.isinf(worth.load) and math.isfinite(worth.ms):  # unknown so long after the step
                 shorter = min(horizon, default_horizon(loop))
                 worth = loop_worth(loop, self.sample_time, shorter, self.running.spectrum)
-            self._judged[loop] = worth
+            self._judged[loop] = self._with_flaws(loop, worth)
         return self._judged[loop]
+
+    def _with_flaws(self, loop: Loop, worth: LoopWorth) -> LoopWorth:
+        if self._trial is None or loop == self.runs or math.isinf(worth.load):
+            return worth
+        before = self.worth(self.runs).load
+        return replace(worth, load=before * self._trial.load_share(loop)) if math.isfinite(before) else worth
 
     def note_textbook(self, rule: LoopWorth) -> None:
         """Take a rule as one to beat, if it is within the limit on max |S| and leaves less error than what runs."""
