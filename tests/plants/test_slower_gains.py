@@ -49,29 +49,35 @@ def test_a_slower_design_is_verified_with_its_filter_and_nothing_is_left_to_be_c
     assert set(wanted.fixed) == {"kp", "ki", "kd", "lam", "mu"}
 
 
-def tuned(monkeypatch: pytest.MonkeyPatch, times: float) -> tuple[VirtualLoop, Outcome]:
-    """An autotuning that finds the start gains so many times, whatever the record says."""
-    gains = Fopid(*(times * gain for gain in GALLERY[NAME].gains))
-    design = verify(TuningRequest(Process.parse("1/(20s+1)*exp(-s)")), gains)
+def tuned(monkeypatch: pytest.MonkeyPatch, *times: float) -> tuple[VirtualLoop, Outcome]:
+    """An autotuning that finds the start gains so many times, whatever records say: the first, and later ones."""
+    found = iter(times)
 
     def learn(self: Autotuner, began: float) -> Outcome:
-        record = self._tap.history.record(began)
-        self._learnt = identify(record, "foptd"), record
-        return Outcome(True, f"{times:g} times", tuned=RobustTuning(True, "found", design, None, 1, 0.0))
+        record, share = self._tap.history.record(began), next(found)
+        design = verify(
+            TuningRequest(Process.parse("1/(20s+1)*exp(-s)")), Fopid(*(share * gain for gain in GALLERY[NAME].gains))
+        )
+        learnt = identify(record, "foptd")
+        if self._learnt is None:
+            self._learnt = learnt, record
+        robust = RobustTuning(True, "found", design, None, 1, 0.0)
+        return Outcome(True, f"{share:g} times", model=learnt.best, tuned=robust)
 
     monkeypatch.setattr(Sufficiency, "look", lambda *_: True)
     monkeypatch.setattr(Autotuner, "_learn", learn)
     monkeypatch.setattr(Autotuner, "_in_large_moves", lambda *_: (None, ""))  # a lag with a delay is no drum
     loop = VirtualLoop(GALLERY[NAME], 1)
     loop.run(100.0)
-    return loop, Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", CRITERIA, False), loop).run()  # type: ignore[arg-type]
+    asked = AutotuneRequest(ExperimentSettings(), "all", CRITERIA, False, second_round=False)
+    return loop, Autotuner(loop, loop, asked, loop).run()  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("times", "share"), [(6.0, 0.5), pytest.param(9.0, 0.35, marks=pytest.mark.slow)])
 def test_gains_that_swing_are_taken_back_and_slower_ones_are_proved(
     times: float, share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loop, outcome = tuned(monkeypatch, times)
+    loop, outcome = tuned(monkeypatch, times, 1.1 * times)
     assert outcome.success
     assert outcome.applied
     assert not outcome.rolled_back
@@ -83,15 +89,28 @@ def test_gains_that_swing_are_taken_back_and_slower_ones_are_proved(
     assert loop.statuses[-2:] == ["trial", "verified"]
 
 
+def test_what_was_not_borne_is_learnt_from(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the second record others come out, and these are proved, before any are made slower."""
+    loop, outcome = tuned(monkeypatch, 9.0, 2.5)
+    assert outcome.success
+    assert outcome.applied
+    kp, ki, _ = GALLERY[NAME].gains
+    assert loop.gains().gains[:2] == pytest.approx((2.5 * kp, 2.5 * ki))
+    assert "; learnt from that as well, others than those that came first: the previous gains are back" in (
+        outcome.message
+    )
+    assert loop.statuses.count("trial") == 2
+
+
 def test_where_slower_ones_do_not_do_either_those_from_before_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    loop, outcome = tuned(monkeypatch, 20.0)
+    loop, outcome = tuned(monkeypatch, 20.0, 20.0)
     assert (outcome.success, outcome.applied, outcome.rolled_back) == (False, False, True)
     assert loop.gains() == Fopid(*GALLERY[NAME].gains)
     assert "; others did not do either: nothing was changed: " in outcome.message
 
 
 def test_a_loop_that_runs_away_before_it_is_moved_is_taken_back_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    loop, outcome = tuned(monkeypatch, 12.0)
+    loop, outcome = tuned(monkeypatch, 12.0, 12.0)
     assert "off the setpoint (" in outcome.message
     furthest = max(abs(true - loop.setpoint) for true in loop.trace.true)
     assert furthest < 10.0, "29 as long as it was waited for rest"

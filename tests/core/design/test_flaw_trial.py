@@ -158,10 +158,17 @@ def test_what_runs_is_tried_at_its_own_pace() -> None:
     assert "after a setpoint step" in held.refusal(BY_A_HAIR, slow_ramp)
 
 
+def test_a_ramp_may_cost_more_only_where_the_actuator_is_slower_than_it_was_learnt_to_be() -> None:
+    """After a step of the setpoint 0.96 times the error of what runs is left with LIVELY, and 1.197 times if slower."""
+    trial = FlawTrial(PROCESS, Flaws(rate=10.0), TICK, 0.0, START, ROOM)
+    assert "after a load of 30" in trial.refusal(LIVELY, Pace(setpoint=2.0))
+    slower = Loop(PROCESS, Fopid(kp=5.0, ki=1.0))
+    assert "after a setpoint step of 9.8 1.1 times" in trial.refusal(slower, Pace(setpoint=1.0))
+    assert trial.refusal(slower, Pace(setpoint=2.0)) == ""
+
+
 def test_a_ramp_that_runs_already_excuses_no_further_error() -> None:
-    """Of a step of the setpoint: the fifth more is for a ramp that comes with the new gains."""
     process, ramp = Process.parse("1/(7s+1)"), Pace(setpoint=1e6)
     runs, other = (Loop(process, Fopid(kp=4.0, ki=4.0), weights=SetpointWeights(share, 1.0)) for share in (0.5, 0.9))
     ramped = FlawTrial(process, Flaws(rate=50.0), TICK, 0.0, runs, ROOM, ramp)
     assert "1.1 times the error of what runs is left" in ramped.refusal(other, ramp)
-    assert ramped.refusal(other, Pace(setpoint=1e5)) == ""  # as quick as before, within a tick

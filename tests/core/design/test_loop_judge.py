@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
+from fopid_core.design.flaw_trial import FlawTrial
+from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.loop_judge import (
     AHEAD,
     AHEAD_IN_NOISE,
@@ -210,3 +212,42 @@ def test_the_noise_share_stays_where_the_rules_ask_for_more(judge: LoopJudge) ->
     judge.note_textbook(replace(RULE, load=0.3, noise_gain=50.0))
     assert judge.noise_gain_aim == judge.noise_gain_max == pytest.approx(10.0)
     assert judge.too_noisy(replace(RULE, noise_gain=10.1))
+
+
+def left_behind_a_sticking_valve(gains: Fopid, load: float, sticks: float, ticks: int) -> float:
+    """Sum of the absolute error after a load before 0.2/(s(0.5s+1)), by explicit steps of a hundredth of a tick."""
+    controller = FopidController(as_designed(gains, 0.05, NO_FILTER, SetpointWeights(1.0, 1.0)))
+    valve = speed = at = total = 0.0
+    for _ in range(ticks):
+        control = controller.step(0.0, at)
+        valve = control if abs(control - valve) > sticks else valve
+        for _ in range(100):
+            at += 0.0005 * 0.2 * speed
+            speed += 0.0005 * (valve + load - speed) / 0.5
+        total += abs(at)
+    return total
+
+
+def test_behind_a_valve_that_sticks_loads_are_judged_with_it() -> None:
+    """A lively PI hunts behind one before an integrator, which no linear process shows."""
+    process, flaws, sticks = Process.parse("0.2/(s(0.5s+1))"), Flaws(dead_band=0.8), 0.8
+    runs, new = Fopid(3.0, 0.5), Fopid(6.0, 4.0)
+    judge = LoopJudge(process, 0.05, RunningGains(runs), 2.5)
+    linear = judge.worth(Loop(process, new)).load / judge.worth(judge.runs).load
+    judge = LoopJudge(process, 0.05, RunningGains(runs), 2.5)
+    judge.see_flaws(FlawTrial(process, flaws, 0.05, 0.0, judge.runs))
+    seen = judge.worth(Loop(process, new)).load / judge.worth(judge.runs).load
+    shares = [
+        left_behind_a_sticking_valve(new, times * sticks, sticks, 1000)
+        / left_behind_a_sticking_valve(runs, times * sticks, sticks, 1000)
+        for times in (2.0, 20.0)
+    ]
+    assert seen == pytest.approx(np.sqrt(np.prod(shares)), rel=0.05)
+    assert seen > 2.0 * linear
+
+
+def test_an_actuator_that_is_slow_alone_changes_no_load_that_is_small(alone: LoopJudge) -> None:
+    judge = copy.copy(alone)
+    judge.see_flaws(FlawTrial(judge.process, Flaws(rate=5.0), 0.05, 0.0, judge.runs, (-50.0, 50.0)))
+    new = Loop(judge.process, Fopid(0.5, 0.4))
+    assert judge.worth(new) == alone.worth(new)

@@ -1,14 +1,18 @@
-"""A design made slower: for a loop that did not bear it as it was, or a record that forbids it."""
+"""A design made slower, for a loop that did not bear it as it was, or a record that forbids it; or hardly another."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+
+import numpy as np
 
 from fopid_core.design.specification import NUMBERS, TuningRequest, TuningResult, require
 from fopid_core.design.tuner import verify
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import MeasurementFilter
+
+_ABOUT, _ALIKE = (0.3, 1.0, 3.0), 0.2
 
 
 def slower_gains(controller: Fopid, share: float) -> Fopid:
@@ -28,6 +32,19 @@ def slower_gains(controller: Fopid, share: float) -> Fopid:
     require(0.0 < share <= 1.0, "share", share, "above 0, 1 at most")
     kp, ki, kd, lam, mu = controller.gains
     return Fopid(share * kp, share ** (1.0 + lam) * ki, share ** (1.0 - mu) * kd, lam, mu)
+
+
+def act_alike(one: Fopid, other: Fopid, crossover: float) -> bool:
+    """Whether two controllers make about the same loop: their answers are within a fifth about a crossover [rad/s].
+
+    Examples
+    --------
+    >>> before = Fopid(kp=2.0, ki=1.0)
+    >>> act_alike(Fopid(kp=2.2, ki=1.0), before, 1.0), act_alike(Fopid(kp=2.0, ki=1.0, kd=0.5), before, 1.0)
+    (True, False)
+    """
+    answers = ((complex(one(1j * w)), complex(other(1j * w))) for w in crossover * np.array(_ABOUT))
+    return all(abs(answer - before) < _ALIKE * abs(before) for answer, before in answers)
 
 
 def slower_design(request: TuningRequest, design: TuningResult, share: float) -> tuple[TuningRequest, TuningResult]:

@@ -13,6 +13,7 @@ from fopid_core.design.identification.identify import IdentificationResult, behi
 from fopid_core.design.identification.noise import hidden_by_steps
 from fopid_core.design.identification.record import Record
 from fopid_core.design.response_verification import contradicts_rest
+from fopid_core.design.slower import act_alike
 from fopid_core.design.specification import TuningResult
 from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.errors import InputError
@@ -410,12 +411,21 @@ class Autotuner:
         """What else is tried: how it is called, and how it is made."""
         if self._learnt is None:
             return
-        yield "learnt from that as well, others than those", partial(self._learn, self._tap.history.whole_since)
+        yield "learnt from that as well, others than those", partial(self._learn_anew, design)
         if math.isfinite(self._rate):
             yield "for that actuator, others than those", partial(self._designed, update, *self._learnt)
         for share in SLOWER:
             slower = partial(self._designed, update, *self._learnt, slower=(design, share))
             yield f"{share:g} times as fast as those", slower
+
+    def _learn_anew(self, failed: TuningResult) -> Outcome:
+        """What all that was heard comes to, with what was not borne; nothing where it comes to that again."""
+        outcome = self._learn(self._tap.history.whole_since)
+        new = outcome.tuned.tuning.controller if outcome.success and outcome.tuned and outcome.tuned.tuning else None
+        if new is None or failed.controller is None or outcome.model is None:
+            return outcome
+        alike = act_alike(new, failed.controller, outcome.model.crossover)
+        return replace(outcome, success=False, message=f"{new} would do the same") if alike else outcome
 
     @property
     def _rate(self) -> float:
