@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from fopid_core.design.identification.flaws import Flaws
+from fopid_core.design.identification.flaws import Flaws, Stem
 from fopid_core.design.identification.friction import Body
 from fopid_core.design.loop_worth import control_rate_in_noise
 from fopid_core.model.evaluation import default_horizon
@@ -257,12 +257,11 @@ class FlawTrial:
             Body(friction, self._sample_time) if friction
             else plant_of(PlantSettings(self._process, self._sample_time, delay_model="exact"))
         )  # fmt: skip
-        at, stem, total = 0.0, np.zeros(1), 0.0
+        at, stem, total = 0.0, Stem(self._flaws), 0.0
         for noise in self._noise.tolist():
             control = controller.step(move.setpoint, plant.measurement + noise)
             at += min(max(control - at, -most), most)
-            stem = self._flaws.stem(np.array([at]), stem)
-            plant.step(move.gain * float(stem[0]), move.gain * move.load)
+            plant.step(move.gain * stem.step(at), move.gain * move.load)
             total += abs(move.setpoint - plant.measurement)
             if not total < 1e90:
                 return math.inf

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fopid_core.design.flaw_trial import FlawTrial
 from fopid_core.design.identification.drift import drift
-from fopid_core.design.identification.flaws import Flaws
+from fopid_core.design.identification.flaws import Flaws, Stem
 from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.recorded_tuning import tune_recorded
@@ -24,21 +25,33 @@ TICK, LAG, DELAY, GAIN = 1.0, 20.0, 5, 2.0
 LEVEL = 0.02
 """Of the measurement's noise, a standard deviation."""
 
-Stem = Callable[[float, float], float]
+Moved = Callable[[float, float], float]
 
 
-def play(half: float) -> Stem:
+def play(half: float) -> Moved:
     """Backlash: the stem is pushed by either side of a gap."""
     return lambda control, stem: min(max(stem, control - half), control + half)
 
 
-def stick(size: float) -> Stem:
+def stick(size: float) -> Moved:
     """Stiction by one parameter (Stenman 2003): it stays, or jumps to where it ought to be."""
     return lambda control, stem: control if abs(control - stem) > size else stem
 
 
+def stick_with_play(size: float, half: float) -> Moved:
+    """A stem that sticks, and what it moves by a joint with a gap: it stands still within that."""
+    stem = 0.0
+
+    def moved(control: float, beyond: float) -> float:
+        nonlocal stem
+        stem = stick(size)(control, stem)
+        return play(half)(stem, beyond)
+
+    return moved
+
+
 def recorded(
-    stem: Stem, seed: int, noise: str = "white", integrates: bool = False, count: int = 1500, gain: float = GAIN
+    stem: Moved, seed: int, noise: str = "white", integrates: bool = False, count: int = 1500, gain: float = GAIN
 ) -> Record:
     """A loop under a PI, moved by steps at random: a lag (or an integrator) behind a delay, in exact steps."""
     random = np.random.default_rng(seed)
@@ -73,6 +86,16 @@ def slow(*values: object) -> list[object]:
     return [pytest.param(value, marks=pytest.mark.slow) for value in values]
 
 
+@pytest.mark.parametrize("flaws", [
+    Flaws(), Flaws(dead_band=0.4), Flaws(dead_band=0.4, slip=0.0), Flaws(dead_band=0.4, slip=0.7),
+    Flaws(low=-0.5, high=1.0), Flaws(dead_band=0.3, play=0.2, low=-1.0), Flaws(play=0.3),
+])  # fmt: skip
+def test_tick_by_tick_the_same_is_felt_as_of_a_whole_record(flaws: Flaws) -> None:
+    controls = np.append(0.0, np.cumsum(0.3 * np.random.default_rng(4).standard_normal(300)))
+    stem = Stem(flaws)
+    assert [stem.step(control) for control in controls.tolist()] == pytest.approx(flaws.felt(controls)[0].tolist())
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("integrates", [False, True])
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -93,7 +116,7 @@ def test_play_is_learnt_and_the_process_behind_it(seed: int, integrates: bool) -
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("count", "expected"), [(8000, 0.1), (9000, 0.0)])
+@pytest.mark.parametrize(("count", "expected"), [(9000, 0.1), (17000, 0.0)])
 def test_long_records_show_it_as_well_unless_they_are_averaged(count: int, expected: float) -> None:
     found = identify(recorded(play(0.1), 3, count=count), noise=LEVEL)
     assert found.success
@@ -105,7 +128,43 @@ def test_stiction_is_told_from_play(seed: int) -> None:
     found = identify(recorded(stick(0.15), seed), noise=LEVEL)
     assert found.flaws.dead_band == pytest.approx(0.15, rel=0.02)
     assert found.flaws.slip == 1.0
+    assert found.flaws.play == 0.0
     assert "the actuator sticks within 0.1" in found.message
+
+
+@pytest.mark.parametrize("integrates", [True, *slow(False)])
+@pytest.mark.parametrize("seed", [0, *slow(1, 2)])
+def test_play_behind_what_sticks_is_learnt_beside_it(seed: int, integrates: bool) -> None:
+    """As valves of control have both: the stem sticks in its packing, and what drives it has a worn joint."""
+    found = identify(recorded(stick_with_play(0.15, 0.05), seed, integrates=integrates), noise=LEVEL)
+    assert found.flaws.dead_band == pytest.approx(0.15, rel=0.02)
+    assert found.flaws.slip == 1.0
+    assert found.flaws.play == pytest.approx(0.05, rel=0.1)
+    assert "the actuator sticks within 0.1" in found.message
+    assert " and has play within 0.0" in found.message
+
+
+def test_loops_behind_both_are_tried_with_both() -> None:
+    """An integrator held by a PI at ticks of 0.1 s after loads of 2 and 20 times what sticks, stepped through here."""
+    flaws, gains, times = Flaws(dead_band=0.1, play=0.06), Fopid(kp=1.0, ki=0.1), (2.0, 20.0)
+    others = Fopid(kp=0.9, ki=0.4)
+
+    def left(tried: Fopid, load: float, count: int = 500) -> float:
+        state = place = integral = total = 0.0
+        stem = stick_with_play(0.1, 0.06)
+        for _ in range(count):
+            integral -= tried.ki * 0.1 * state
+            place = stem(integral - tried.kp * state, place)
+            state += 0.1 * (place + load)
+            total += abs(state)
+        return total
+
+    process = Process.parse("1/s")
+    trial = FlawTrial(process, flaws, 0.1, 0.0, Loop(process, gains))
+    expected = math.sqrt(math.prod(left(others, 0.1 * each) / left(gains, 0.1 * each) for each in times))
+    assert trial.load_share(Loop(process, others)) == pytest.approx(expected, rel=0.05)
+    without = FlawTrial(process, replace(flaws, play=0.0), 0.1, 0.0, Loop(process, gains))
+    assert without.load_share(Loop(process, others)) != pytest.approx(expected, rel=0.05)
 
 
 @pytest.mark.parametrize("noise", ["white", "coarse", *slow("load", "slow", "hum")])

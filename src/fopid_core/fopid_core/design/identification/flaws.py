@@ -38,6 +38,8 @@ class Flaws:
         Of the mechanism that is moved; of one process.
     rate : float
         How far the actuator moves in a second at most; of one process.
+    play : float
+        Of what a stem that sticks moves in turn: it stays while the stem is no further than this from it.
 
     Examples
     --------
@@ -45,6 +47,8 @@ class Flaws:
     array([[0. , 0. , 1.5, 1.5, 0.4]])
     >>> Flaws(dead_band=1.0, slip=0.0).felt(np.array([0.0, 0.8, 1.5, 0.6, -0.9]))
     array([[0. , 0. , 0.5, 0.5, 0.1]])
+    >>> Flaws(dead_band=1.0, play=0.3).felt(np.array([0.0, 0.8, 1.5, 0.6, 0.4]))
+    array([[0. , 0. , 1.2, 1.2, 0.7]])
     >>> bent = Flaws(bend=0.1, centre=1.0)
     >>> bool(np.isclose(bent.straight(bent.bent(2.5)), 2.5))
     True
@@ -59,6 +63,7 @@ class Flaws:
     began: Floats | float = 0.0
     friction: Friction | None = None
     rate: float = math.inf
+    play: Floats | float = 0.0
 
     @property
     def come_before(self) -> bool:
@@ -82,16 +87,20 @@ class Flaws:
 
     def felt(self, control: Floats) -> Floats:
         """What is felt of a control, shape (n,), or of one for each process, shape (m, n); shape (m, n)."""
-        count = np.broadcast(self.dead_band, self.slip, self.low, self.high, self.began).size
+        count = np.broadcast(self.dead_band, self.slip, self.low, self.high, self.began, self.play).size
         controls = np.atleast_2d(control)
         controls = np.broadcast_to(controls, (max(count, len(controls)), controls.shape[1]))
         limited = np.clip(controls, _column(self.low), _column(self.high))
-        if not np.any(self.dead_band):
+        if not (np.any(self.dead_band) or np.any(self.play)):
             return limited
         stem = np.clip(controls[:, 0] + self.began, self.low, self.high)
         stems, behind = np.array(limited.T, order="C"), self._behind()
         for moved in stems:
             moved[:] = stem = self._moved(moved, stem, behind)
+        if np.any(self.play):
+            beyond = stems[0].copy()
+            for moved in stems:
+                moved[:] = beyond = np.clip(beyond, moved - self.play, moved + self.play)
         return np.ascontiguousarray(stems.T)
 
     def bent(self, straight: Floats | float) -> Floats:
@@ -138,7 +147,8 @@ class Flaws:
     def __str__(self) -> str:
         told = []
         if self.dead_band:
-            told.append(f"the actuator {'sticks' if self.slip else 'has play'} within {self.dead_band:.3g}")
+            behind = f" and has play within {self.play:.3g}" if self.play else ""
+            told.append(f"the actuator {'sticks' if self.slip else 'has play'} within {self.dead_band:.3g}{behind}")
         if math.isfinite(self.rate):
             told.append(f"the actuator may be as slow as {self.rate:.3g} a second")
         told += [f"the control is felt {side} {at:.4g} only" for side, at in (("above", self.low), ("below", self.high))
@@ -148,6 +158,31 @@ class Flaws:
         if self.friction:
             told.append(str(self.friction))
         return ", ".join(told)
+
+
+class Stem:
+    """What the actuator of one process makes of a control, from one tick to the next; at 0 first.
+
+    Examples
+    --------
+    >>> stem = Stem(Flaws(dead_band=1.0, play=0.3))
+    >>> [stem.step(control) for control in (0.8, 1.5, 0.6, 0.4)]
+    [0.0, 1.2, 1.2, 0.7]
+    """
+
+    def __init__(self, flaws: Flaws) -> None:
+        self._low, self._high, self._band = float(flaws.low), float(flaws.high), float(flaws.dead_band)
+        self._behind, self._play = (1.0 - float(flaws.slip)) * self._band, float(flaws.play)
+        self._stem = self._felt = 0.0
+
+    def step(self, control: float) -> float:
+        """What is felt of a control."""
+        limited = min(max(control, self._low), self._high)
+        away = limited - self._stem
+        if abs(away) > self._band:
+            self._stem = limited - math.copysign(self._behind, away)
+        self._felt = min(max(self._felt, self._stem - self._play), self._stem + self._play)
+        return self._felt
 
 
 def slewed(time: Floats, control: Floats, rates: Floats) -> Floats:
@@ -183,10 +218,10 @@ def slewed(time: Floats, control: Floats, rates: Floats) -> Floats:
 
 def joined(flaws: Sequence[Flaws]) -> Flaws:
     """Several, each of one process or of some, as one with arrays of shape (m,)."""
-    rows = [np.broadcast_arrays(f.dead_band, f.slip, f.low, f.high, f.bend, f.began) for f in flaws]
-    parts = [np.concatenate([np.ravel(row[i]) for row in rows]) for i in range(6)]
-    band, slip, low, high, bend, began = parts
-    return Flaws(band, slip, low, high, bend, flaws[0].centre, began)
+    rows = [np.broadcast_arrays(f.dead_band, f.slip, f.low, f.high, f.bend, f.began, f.play) for f in flaws]
+    parts = [np.concatenate([np.ravel(row[i]) for row in rows]) for i in range(7)]
+    band, slip, low, high, bend, began, play = parts
+    return Flaws(band, slip, low, high, bend, flaws[0].centre, began, play=play)
 
 
 def _column(value: Floats | float) -> Floats:
