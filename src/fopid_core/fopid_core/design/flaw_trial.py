@@ -35,7 +35,7 @@ MOVE_SHARE = 0.1
 """With a slow actuator steps are tried that take this share of the control's range."""
 WORSE, SETPOINT_WORSE = 1.05, 1.2
 """By how much more error than what runs new gains may leave; and after a large step of the setpoint, where that is made
-a ramp before an actuator that is slower yet than it was learnt to be."""
+a ramp before a slow actuator."""
 KICK_SHARE = 0.5
 """That of the setpoint is not answered with more than this share of it, at the crossover of what runs."""
 SLOWER_YET = 0.7
@@ -174,8 +174,7 @@ class FlawTrial:
         """How many times the error of what runs may be left."""
         if move.gain > 1.0:
             return MOST_LEFT
-        is_ramp = move.setpoint and pace.setpoint < self._pace.setpoint
-        return SETPOINT_WORSE if is_ramp and move.rate < self._flaws.rate else WORSE
+        return SETPOINT_WORSE if move.setpoint and pace.setpoint < self._pace.setpoint else WORSE
 
     def pace(self, loop: Loop) -> Pace:
         """What a controller is best held to before an actuator that is slow; no limits before one that is not.

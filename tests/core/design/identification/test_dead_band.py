@@ -116,7 +116,7 @@ def test_play_is_learnt_and_the_process_behind_it(seed: int, integrates: bool) -
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("count", "expected"), [(9000, 0.1), (17000, 0.0)])
+@pytest.mark.parametrize(("count", "expected"), [(9000, 0.1), (33000, 0.0)])
 def test_long_records_show_it_as_well_unless_they_are_averaged(count: int, expected: float) -> None:
     found = identify(recorded(play(0.1), 3, count=count), noise=LEVEL)
     assert found.success

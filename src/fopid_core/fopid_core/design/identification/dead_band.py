@@ -33,7 +33,7 @@ LEAST_EXPLAINED = 0.1
 """Share of what a linear model leaves of the measurement that a dead band must explain to be worth a word."""
 HARDLY_FITS = 99.8
 """A model that explains so much [%] leaves no room for one."""
-MOST_SAMPLES = 2 * MOST_CELLS
+MOST_SAMPLES = 4 * MOST_CELLS
 """In longer records none is looked for: averages of so many samples hide by what it is known."""
 _FIRST_LOOK, _CLOSER, _LAST = (8, 512, 2), (4, 1024, 12), (1, MOST_CELLS, 12)
 """Of how many samples one is fitted, but no fewer than so many, and by how many evaluations."""
