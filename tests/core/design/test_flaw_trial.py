@@ -159,12 +159,13 @@ def test_what_runs_is_tried_at_its_own_pace() -> None:
 
 
 def test_a_ramp_may_be_as_fast_as_the_actuator_where_a_slower_one_costs_error() -> None:
-    """After a step of the setpoint: with a ramp of 0.6 of that 1.15 times the error of what runs would be left."""
+    """After a step of the setpoint the slower one would leave 1.2 times the error of what runs."""
     trial = FlawTrial(PROCESS, Flaws(rate=10.0), TICK, 0.0, START, ROOM)
     quick = Loop(PROCESS, Fopid(kp=5.0, ki=1.0, kd=4.0))
-    follows = trial.pace(quick).setpoint
-    assert follows > 1.3, "0.6 of what the actuator can follow"
-    assert trial.refusal(quick, Pace(setpoint=0.6 * follows)) == ""
+    pace = trial.pace(quick)
+    assert trial.refusal(quick, pace) == ""
+    slower = replace(pace, setpoint=0.6 * pace.setpoint)
+    assert "after a setpoint step of 9.8 1.2 times the error of what runs" in trial.refusal(quick, slower)
 
 
 def test_a_ramp_that_runs_already_excuses_no_further_error() -> None:
