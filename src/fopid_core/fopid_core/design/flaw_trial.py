@@ -151,9 +151,8 @@ class FlawTrial:
         return bool(self._loads)
 
     def load_share(self, loop: Loop) -> float:
-        """Error after such loads, and in noise, beside that of what runs: the geometric mean."""
-        shares = [self._error(loop, load, self._pace) / self._before[load] for load in self._loads]
-        return math.prod(shares) ** (1.0 / len(shares))
+        """Error after the largest of them, and in noise, beside that of what runs."""
+        return self._error(loop, self._loads[-1], self._pace) / self._before[self._loads[-1]]
 
     def _is_paced(self, pace: Pace) -> bool:
         """Whether that holds the controller to more than it is held to now."""
