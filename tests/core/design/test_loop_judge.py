@@ -239,7 +239,7 @@ def test_behind_a_valve_that_sticks_loads_are_judged_with_it() -> None:
     seen = judge.worth(Loop(process, new)).load / judge.worth(judge.runs).load
     left = [left_behind_a_sticking_valve(gains, 20.0 * sticks, sticks, 1000) for gains in (new, runs)]
     assert seen == pytest.approx(left[0] / left[1], rel=0.05)
-    assert seen > 2.0 * linear
+    assert seen > 1.5 * linear
 
 
 def test_an_actuator_that_is_slow_alone_changes_no_load_that_is_small(alone: LoopJudge) -> None:
