@@ -145,14 +145,22 @@ class FlawTrial:
                 return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""
 
+    def load_share(self, loop: Loop) -> float:
+        """Error after a load that is large beside a dead band or friction, in noise, beside that of what runs.
+
+        That is a tenth of the control's range, or 20 times them if that is more; 1 where there is neither.
+        """
+        if not self._loads:
+            return 1.0
+        wide = self._room[1] - self._room[0]
+        load = self._loads[-1]
+        large = replace(load, load=max(load.load, MOVE_SHARE * wide)) if math.isfinite(wide) else load
+        return self._error(loop, large, self._pace) / self._error(self._running, large, UNPACED)
+
     @property
     def knows_loads(self) -> bool:
-        """Whether loads about as large as a dead band or friction are tried."""
+        """Whether there is a dead band or friction to judge loads by."""
         return bool(self._loads)
-
-    def load_share(self, loop: Loop) -> float:
-        """Error after the largest of them, and in noise, beside that of what runs."""
-        return self._error(loop, self._loads[-1], self._pace) / self._before[self._loads[-1]]
 
     def _is_paced(self, pace: Pace) -> bool:
         """Whether that holds the controller to more than it is held to now."""
