@@ -148,10 +148,8 @@ class FlawTrial:
     def load_share(self, loop: Loop) -> float:
         """Error after a load that is large beside a dead band or friction, in noise, beside that of what runs.
 
-        That is a tenth of the control's range, or 20 times them if that is more; 1 where there is neither.
+        That is a tenth of the control's range, or 20 times them if that is more.
         """
-        if not self._loads:
-            return 1.0
         wide = self._room[1] - self._room[0]
         load = self._loads[-1]
         large = replace(load, load=max(load.load, MOVE_SHARE * wide)) if math.isfinite(wide) else load
