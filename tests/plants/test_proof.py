@@ -125,10 +125,9 @@ def test_a_setpoint_that_is_moved_meanwhile_is_nothing_against_the_gains(after: 
 
 @pytest.mark.long
 @pytest.mark.timeout(900)
-def test_a_drive_with_a_gap_is_left_with_slower_gains_that_hold_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_drive_with_a_gap_is_left_with_gains_that_hold_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(GALLERY, "drive", DRIVE)
     found = autotuned("drive", 2)
     assert found.seen.calm
-    assert "times as fast as those that came first" in found.note
     assert found.seen.mean("setpoint") < 0.5, "1.22 with the gains it began with"
     assert found.seen.load < 0.3, "5.98 with those"
