@@ -174,3 +174,4 @@ def test_a_ramp_that_runs_already_excuses_no_further_error() -> None:
     runs, other = (Loop(process, Fopid(kp=4.0, ki=4.0), weights=SetpointWeights(share, 1.0)) for share in (0.5, 0.9))
     ramped = FlawTrial(process, Flaws(rate=50.0), TICK, 0.0, runs, ROOM, ramp)
     assert "1.1 times the error of what runs is left" in ramped.refusal(other, ramp)
+    assert ramped.refusal(other, Pace(setpoint=1e5)) == ""  # as quick as before, within a tick

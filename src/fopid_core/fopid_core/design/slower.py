@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from fopid_core.design.specification import NUMBERS, TuningRequest, TuningResult, require
 from fopid_core.design.tuner import verify
 from fopid_core.errors import InputError
@@ -43,7 +41,7 @@ def act_alike(one: Fopid, other: Fopid, crossover: float) -> bool:
     >>> act_alike(Fopid(kp=2.2, ki=1.0), before, 1.0), act_alike(Fopid(kp=2.0, ki=1.0, kd=0.5), before, 1.0)
     (True, False)
     """
-    answers = ((complex(one(1j * w)), complex(other(1j * w))) for w in crossover * np.array(_ABOUT))
+    answers = ((complex(one(1j * w)), complex(other(1j * w))) for w in (share * crossover for share in _ABOUT))
     return all(abs(answer - before) < _ALIKE * abs(before) for answer, before in answers)
 
 

@@ -71,7 +71,7 @@ class Flaws:
         return bool(self.dead_band) or self.friction is not None or math.isfinite(self.rate)
 
     def stem(self, control: Floats, before: Floats) -> Floats:
-        """Where the stem is under a control, shape (m,), and was before."""
+        """Where the stem is under a control, shape (m,), and was before; play behind it is left out."""
         return self._moved(np.clip(control, self.low, self.high), before, self._behind())
 
     def _behind(self) -> Floats | None:
