@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fopid_core.design.recorded_tuning import NOISE_SHARE, RecordedTuning, tune_recorded
+from fopid_core.design.recorded_tuning import NOISE_SHARE, RECORDED_SHARE, RecordedTuning, tune_recorded
 from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.specification import TuningResult
 from fopid_core.model.loop import Loop
@@ -139,3 +139,15 @@ def test_a_design_that_is_refused_by_who_asks_gives_way_to_a_more_cautious_one()
     none = tune_recorded(WITHIN, "frequency", limits=FEW, identified=first.identified, refuse=lambda _: "too quick")
     assert not none.success
     assert "too quick" in none.message
+
+
+def test_a_step_at_the_very_first_sample_says_by_how_much_noise_may_move_the_control() -> None:
+    late = RECORD.time >= RECORD.time[np.flatnonzero(RECORD.control)[0]]
+    at_once = replace(
+        RECORD, time=RECORD.time[late], control=RECORD.control[late], measurement=RECORD.measurement[late],
+        control_before=0.0,
+    )  # fmt: skip
+    found = tune_recorded(at_once, "time", {"structure": "pi", "index": "iae"}, FEW, template="foptd")
+    assert found.success, found.message
+    assert found.bounds is not None
+    assert found.bounds.control_from_noise == pytest.approx(RECORDED_SHARE * np.ptp(RECORD.control))

@@ -40,6 +40,25 @@ def test_limits_of_the_control_are_those_of_the_other_day() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("measured", "driven"), [(2.0**17, 2.0**17), (1.0, 2.0**-20), (2.0**10, 2.0**-7)])
+def test_units_change_nothing(measured: float, driven: float) -> None:
+    record, share = day(RAN), driven / measured
+    assert record.setpoint is not None
+    other = with_other(
+        record, measurement=measured * record.measurement, setpoint=measured * record.setpoint,
+        control=driven * record.control,
+    )  # fmt: skip
+    found = replay(record, ControllerSettings(Fopid(0.9, 0.8)))
+    scaled = replay(other, ControllerSettings(Fopid(0.9 * share, 0.8 * share)))
+    assert scaled.success, scaled.message
+    assert found.measurement is not None
+    assert scaled.measurement is not None
+    for signal in ("low", "expected", "high"):
+        wanted = getattr(found.measurement, signal)
+        assert np.abs(getattr(scaled.measurement, signal) / measured - wanted).max() < 1e-6 * np.abs(wanted).max()
+
+
+@pytest.mark.slow
 def test_the_bands_hold_the_other_day_and_the_same_gains_give_the_day_itself() -> None:
     wanted, record = Fopid(0.9, 0.8), day(RAN)
     found, other = replay(record, ControllerSettings(wanted)), day(wanted)

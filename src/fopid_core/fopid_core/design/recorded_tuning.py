@@ -143,7 +143,8 @@ def recorded_bounds(
     if math.isfinite(room):
         allowed, of = NOISE_SHARE * room, f"{100 * NOISE_SHARE:g} % of the range {room:.4g}"
     else:
-        allowed = RECORDED_SHARE * float(np.ptp(record.control))
+        before = [] if record.control_before is None else [record.control_before]
+        allowed = RECORDED_SHARE * float(np.ptp(np.append(record.control, before)))
         of = f"{100 * RECORDED_SHARE:g} % of its moves in the record, which says no limits"
     if level > 0.0:
         parts.append(f"noise may move the control by {allowed:.3g}, {of}")

@@ -167,8 +167,9 @@ class _Search:
         if flaws.bend != self._flaws.bend:
             left = left - (flaws.bend - self._flaws.bend) * self._white(self._z[np.newaxis] ** 2)[0]
         columns = np.stack([*(self._steps[start] for start in self._starts), *self._slopes]).T
-        sizes = np.linalg.lstsq(columns, left, rcond=1e-9)[0][: len(self._starts)]
-        return Loads(self._starts, tuple(sizes.tolist()))
+        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        sizes = np.linalg.lstsq(columns / scale, left, rcond=1e-9)[0] / scale
+        return Loads(self._starts, tuple(sizes[: len(self._starts)].tolist()))
 
     def without(self, loads: Loads, record: Record) -> Record:
         """A record without what loads make of the measurement."""

@@ -177,7 +177,7 @@ class _Posterior:
         known = np.zeros(k)
         known[: len(self._sizes)] = (self._sigma / np.array(self._sizes)) ** 2
         diagonal = np.einsum("mii->mi", gram)
-        diagonal += known + _DEPENDENT * (diagonal + diagonal.mean(axis=1, keepdims=True))
+        diagonal += known + _DEPENDENT * (diagonal + diagonal.max(axis=0))
         return gram, columns @ self._target
 
     def _flaws_of(self, numbers: Floats) -> Flaws:

@@ -93,6 +93,7 @@ def what_was_missed(record: Record, best: IdentifiedModel) -> Floats | None:
     kernels = np.stack(hats)
     columns = [fftconvolve(kernel, moved)[:n] for kernel in kernels]
     columns += [np.ones(n), np.linspace(-1.0, 1.0, n)]
-    found = np.linalg.lstsq(np.stack(columns, axis=1), residual, rcond=1e-6)[0]
+    sizes = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
+    found = np.linalg.lstsq(np.stack(columns, axis=1) / sizes, residual, rcond=1e-6)[0] / sizes
     missed: Floats = found[: lags.size] @ kernels
     return np.append(missed[1:], 0.0)

@@ -37,6 +37,12 @@ def row_of(loop: Loop, structure: str = "pid") -> Row:
     return measured(Candidate("test", structure, loop), BOUNDS, speed=0.8)
 
 
+def test_the_first_control_is_known_where_an_ideal_derivative_makes_the_output_infinite_at_once() -> None:
+    integrator = Loop(Process.parse("0.05/s"), Fopid(4.0, 0.0, 6.4, 1.0, 1.15), MeasurementFilter(2, 2.8))
+    controller = FopidController(as_designed(integrator.controller, BOUNDS.sample_time, integrator.filter))
+    assert row_of(integrator, "fopid").control_peak == pytest.approx(controller.step(1.0, 0.0))
+
+
 def test_the_measures_are_those_of_the_loop_that_runs() -> None:
     gains, slow, weights = Fopid(1.5, 0.7, 1.0), MeasurementFilter(2, 0.1), SetpointWeights(0.6, 0.2)
     row = row_of(Loop(LAG, gains, slow, weights))

@@ -129,13 +129,13 @@ def _iae(response: Response) -> float:
 def _control(loop: Loop, response: Response, sample_time: float) -> tuple[float, float]:
     """Peak and total variation after a setpoint step: the first ticks as they run, then the ideal control.
 
-    In the first ticks the derivative of the step is nearly all of it, and the measurement hardly moves.
+    In the first ticks the derivative of the step is nearly all of it, and the measurement hardly moves; at the very
+    first nothing has moved it.
     """
     controller = FopidController(as_designed(loop.controller, sample_time, loop.filter, loop.weights))
-    first = [
-        controller.step(1.0, float(np.interp(i * sample_time, response.time, response.output)))
-        for i in range(KICK_TICKS)
-    ]
+    seen = np.interp(sample_time * np.arange(KICK_TICKS), response.time, response.output)
+    seen[0] = 0.0
+    first = [controller.step(1.0, measurement) for measurement in seen.tolist()]
     later = response.control[response.time >= KICK_TICKS * sample_time]
     control = np.concatenate([[0.0], first, later])
     return float(np.abs(control).max()), total_variation(control)

@@ -52,7 +52,7 @@ def refusal_before(record: Record) -> str:
         return ""
     return (
         f"the control stays at {control[0]:g} (saturated throughout?), so the record does not show what it does: "
-        "move it in steps within its limits, or say what it was before the record"
+        "move it in steps within its limits, or say what it was before the record (control_before)"
     )
 
 
