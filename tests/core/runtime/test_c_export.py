@@ -151,6 +151,21 @@ def test_an_input_that_is_not_finite_is_a_hold(tmp_path: Path) -> None:
     assert float(compile_and_run(tmp_path, "main.c")) == pytest.approx(controller.state.control, abs=1e-12)
 
 
+def test_a_feedforward_far_beyond_the_limits_counts_as_their_range(tmp_path: Path) -> None:
+    write(tmp_path, CONTROLLERS["limits"])
+    (tmp_path / "main.c").write_text(
+        '#include "loop.h"\n#include <stdio.h>\n'
+        "int main(void) { static loop_state c; int k; loop_init(&c);"
+        " for (k = 0; k < 40; k++) loop_step(&c, 1, 0.01 * k, k == 10 || k == 11 ? 1e9 : 0, 0);"
+        ' printf("%.17g", c.integral); return 0; }\n'
+    )
+    controller = FopidController(CONTROLLERS["limits"])
+    for k in range(40):
+        controller.step(1.0, 0.01 * k, feedforward=1e9 * (k in (10, 11)))
+    assert float(compile_and_run(tmp_path, "main.c")) == pytest.approx(controller.state.integral, abs=1e-12)
+    assert abs(controller.state.integral) < 10.0
+
+
 def test_two_controllers_share_a_program(tmp_path: Path) -> None:
     for name in ("left", "right"):
         (tmp_path / f"{name}.h").write_text(c_header(CONTROLLERS["rate"], name))

@@ -255,6 +255,18 @@ def test_reset_is_as_new_but_for_the_mode() -> None:
     assert [used.step(1.0, 0.1 * k) for k in range(50)] == [new.step(1.0, 0.1 * k) for k in range(50)]
 
 
+@pytest.mark.parametrize("fed", [1e9, -1e9, 50.0])
+def test_a_feedforward_far_beyond_the_limits_drives_the_integral_away_by_their_range_only(fed: float) -> None:
+    controller = FopidController(ControllerSettings(Fopid(0.5, 0.6), 0.05, control_min=0.0, control_max=10.0))
+    for _ in range(4000):  # at rest at 3
+        controller.step(3.0, controller.state.control + 1.2 * (3.0 - controller.state.control))
+    before = controller.state.integral
+    for _ in range(20):
+        controller.step(3.0, 3.0, feedforward=fed)
+    assert abs(controller.state.feedforward) <= 10.0
+    assert abs(controller.state.integral - before) <= 10.0 + 3.0
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e101])
 @pytest.mark.parametrize("name", ["setpoint", "measurement", "feedforward", "manual", "tracking"])
 def test_a_signal_that_is_not_finite_is_refused_and_changes_nothing(name: str, bad: float) -> None:

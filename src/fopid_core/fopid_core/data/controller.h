@@ -212,6 +212,7 @@ static inline ${name}_real ${name}_step(${name}_state *c, ${name}_real setpoint,
 
     if (!${name}_usable(setpoint) || !${name}_usable(measurement) || !${name}_usable(feedforward) || !${name}_usable(manual))
         return ${name}_hold(c, c->control);
+    feedforward = ${name}_within(feedforward, c->control_min - c->control_max, c->control_max - c->control_min);
     if (!c->started) {
         c->started = 1;
         c->origin = c->setpoint = measurement;

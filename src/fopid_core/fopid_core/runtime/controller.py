@@ -173,7 +173,8 @@ class FopidController:
         setpoint, measurement : float
             In the units of the measurement.
         feedforward : float
-            Added to the control before the limits.
+            Added to the control before the limits, no more of it than the range between them: the rest would only
+            drive the integral away.
         manual : float
             The control in manual mode (limits apply as well).
         tracking : float, optional
@@ -228,7 +229,8 @@ class FopidController:
         elif self._joins:
             self._before = state.proportional + state.derivative
             self._before += self.setpoint_feedthrough * (setpoint - state.setpoint)
-        state.setpoint, state.measurement, state.feedforward = setpoint, measurement, feedforward
+        state.setpoint, state.measurement = setpoint, measurement
+        state.feedforward = _limited(feedforward, self._low - self._high, self._high - self._low)
         self._manual = manual
         self._filtered = measurement if self._filter is None else self._behind_filter(self._filter, measurement)
         return self._advance(setpoint, self._filtered, last - self._implied_control, tracking is not None)

@@ -1,15 +1,22 @@
-"""The command ``autotune``: has the running loop learnt and tuned, shows how it goes; Ctrl-C undoes it."""
+"""The command ``autotune``: has the running loop learnt and tuned, and shows how it goes.
+
+Ctrl-C undoes it, and so does whoever ends the command by SIGTERM, or closes its terminal.
+"""
 
 from __future__ import annotations
 
 import argparse
 import math
+import signal
 import sys
+import time
 from collections.abc import Sequence
 from typing import Any
 
 import rclpy
+from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -19,10 +26,13 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from fopid_core.errors import InputError
 from fopid_msgs.action import Autotune
+from fopid_msgs.msg import TwoDegrees
 from fopid_ros.common.middleware import prepare_middleware, use_profile
 
 FOUND_TIME = 10.0
 """How long the tuner may take to be found [s]."""
+SILENT, GONE = 5.0, 10.0
+"""After so long without a word it is asked whether it knows of the goal; and how long none may be there [s]."""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -53,7 +63,12 @@ def main(args: Sequence[str] | None = None) -> int:
         prepare_middleware()
         use_profile()
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+        for ending in (signal.SIGTERM, signal.SIGHUP):
+            signal.signal(ending, signal.default_int_handler)
         return _run(Autotune.Goal(**options))
+    except KeyboardInterrupt:
+        print("ended before the tuner had taken it up", file=sys.stderr)
+        return 3
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -85,18 +100,70 @@ def _run(goal: Autotune.Goal) -> int:
                 lines.tell(stage)
             progress.update(task, completed=stage.progress, description=stage.phase, said=said[:90])
 
-        handle = _wait(node, client.send_goal_async(goal, feedback_callback=told))
-        if not handle.accepted:
-            raise InputError("the tuner rejected the goal: it is busy with another request, or not active")
-        answer = handle.get_result_async()
+        handle = _accepted(node, client.send_goal_async(goal, feedback_callback=told))
+        under_way = _UnderWay(node, client, handle)
         try:
-            result = _wait(node, answer).result
+            result = under_way.result()
         except KeyboardInterrupt:
             progress.update(task, description="cancelling", said="")
-            _wait(node, handle.cancel_goal_async())
-            result = _wait(node, answer).result
+            handle.cancel_goal_async()
+            result = under_way.result()
     _show(result)
     return 0 if result.success else 3
+
+
+def _accepted(node: Node, sent: Future) -> ClientGoalHandle:
+    rclpy.spin_until_future_complete(node, sent, timeout_sec=FOUND_TIME)
+    if not sent.done():
+        raise InputError(_gone(f"it has not answered within {FOUND_TIME:g} s"))
+    handle = sent.result()
+    if not handle.accepted:
+        raise InputError("the tuner rejected the goal: it is busy with another request, or not active")
+    return handle
+
+
+class _UnderWay:
+    """A goal that the tuner has accepted.
+
+    A tuner that dies says nothing, and one that takes its name knows nothing of the goal; so where none is there for
+    long it is gone, and one that is there is asked now and then.
+    """
+
+    def __init__(self, node: Node, client: ActionClient, handle: ClientGoalHandle) -> None:
+        self._node, self._client, self._handle = node, client, handle
+        self._asked: list[Future] = [handle.get_result_async()]
+
+    def result(self) -> Autotune.Result:
+        """What comes of it.
+
+        Raises
+        ------
+        InputError
+            If the tuner is gone.
+        """
+        asked = seen = time.monotonic()
+        while True:
+            rclpy.spin_once(self._node, timeout_sec=0.2)  # and see a Ctrl-C in between
+            for answer in self._asked:
+                if answer.done():
+                    return self._known(answer.result())
+            now = time.monotonic()
+            if self._client.server_is_ready():
+                seen = now
+            elif now - seen > GONE:
+                raise InputError(_gone("none is there any more"))
+            if now - asked > SILENT:
+                asked = now
+                self._asked.append(self._handle.get_result_async())
+
+    def _known(self, answer: Any) -> Autotune.Result:
+        if answer.status == GoalStatus.STATUS_UNKNOWN:
+            raise InputError(_gone("the one that is there knows nothing of this"))
+        return answer.result
+
+
+def _gone(why: str) -> str:
+    return f"the tuner is gone, {why}: what it added to the control fades, the loop runs on with the gains it has"
 
 
 class _Lines:
@@ -120,12 +187,6 @@ class _Lines:
         print(f"{stage.progress:4.0%} {stage.phase}{said}{left}", file=sys.stderr, flush=True)
 
 
-def _wait(node: Node, future: Future) -> Any:
-    while not future.done():
-        rclpy.spin_until_future_complete(node, future, timeout_sec=0.2)  # and see a Ctrl-C in between
-    return future.result()
-
-
 def _show(result: Autotune.Result) -> None:
     print(result.message)
     if not result.model.process and not math.isfinite(result.gains.kp):
@@ -137,6 +198,20 @@ def _show(result: Autotune.Result) -> None:
         state = "running" if result.applied else "not applied"
         print(f"gains     kp {gains.kp:.6g}  ki {gains.ki:.6g}  kd {gains.kd:.6g}  lam {gains.lam:.6g}  "
               f"mu {gains.mu:.6g}  ({state})")  # fmt: skip
+        for proposal in result.proposals:
+            if proposal.gains == gains:
+                print("\n".join(_with_them(proposal.two_degrees)))
+                break
+
+
+def _with_them(two: TwoDegrees) -> list[str]:
+    """What belongs to gains, under the names of the controller's parameters."""
+    order, filtered = two.measurement_filter_order, two.measurement_filter_time
+    lines = [f"with      measurement_filter_order {order}  measurement_filter_time {filtered:.6g}"]
+    weights = two.setpoint_weight, two.derivative_setpoint_weight
+    if all(math.isfinite(weight) for weight in weights):
+        lines.append("          setpoint_weight {:.6g}  derivative_setpoint_weight {:.6g}".format(*weights))
+    return lines
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.settings import Pace
 from fopid_ros.tuner.controller_client import DEADBAND, FILTER, GAINS, PACE, WEIGHTS, RunningDesign
 from fopid_ros.tuner.learning.gain_update import RunningController, read_running_controller
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 
 NOW = RunningDesign(Fopid(0.5, 1.0), MeasurementFilter(2, 0.003), SetpointWeights(0.5, 0.0))
 LIMITS = ("control_min", "control_max")
@@ -52,3 +54,14 @@ def test_what_runs_is_gains_filter_weights_pace_and_deadband() -> None:
 
 def test_the_range_of_the_control_is_between_its_limits() -> None:
     assert RunningController(NOW.gains, 0.01, 1.0, 4.0).control_range == 3.0
+
+
+@pytest.mark.parametrize(("amplitude", "fits"), [(2.0, True), (2.9, True), (3.1, False), (1e9, False)])
+def test_an_amplitude_beyond_the_limits_is_refused_with_what_they_leave(amplitude: float, fits: bool) -> None:
+    controller = RunningController(Fopid(1.0, 1.0), 0.05, control_min=0.0, control_max=10.0)
+    loop = LoopBaseline(controller, control=3.0)
+    if fits:
+        loop.check_amplitude(amplitude)
+    else:
+        with pytest.raises(InputError, match=re.escape(f"amplitude = {amplitude:.4g}; allowed: up to 3, as far as")):
+            loop.check_amplitude(amplitude)

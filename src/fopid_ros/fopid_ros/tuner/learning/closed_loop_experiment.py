@@ -187,6 +187,8 @@ class ClosedLoopExperiment:
         ------
         RestlessError
             If it does not come to rest, or goes further.
+        InputError
+            If an amplitude that was asked for leaves its limits.
         """
         loop, duration = self.loop, self.duration
         window = self.rest_window
@@ -228,6 +230,7 @@ class ClosedLoopExperiment:
         if not loop.at_steady_state:
             raise RestlessError(loop.why_not_at_rest(duration))
         loop.allow_for_unrest(self._wanted.deviation_max, self._tap.history.travel("setpoint"))
+        loop.check_amplitude(self._wanted.amplitude)
 
     @property
     def estimate(self) -> float:
@@ -363,9 +366,7 @@ class ClosedLoopExperiment:
 
     def _most(self) -> float:
         """The largest move of the control that is ever made."""
-        controller, now = self.loop.controller, self.loop.control
-        room = min(now - controller.control_min, controller.control_max - now)
-        return min(RANGE_SHARE * controller.control_range, ROOM_SHARE * max(room, 0.0))
+        return min(RANGE_SHARE * self.loop.controller.control_range, ROOM_SHARE * self.loop.room)
 
     def _settings(self, kind: str, amplitude: float, duration: float) -> ExcitationSettings:
         loop = self.loop

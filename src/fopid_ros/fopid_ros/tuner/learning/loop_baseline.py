@@ -110,6 +110,24 @@ class LoopBaseline:
             self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
     @property
+    def room(self) -> float:
+        """How far the control is from the nearer of its limits, where it rests."""
+        low, high = self.controller.room(self.control)
+        return max(min(-low, high), 0.0)
+
+    def check_amplitude(self, amplitude: float) -> None:
+        """An experiment must leave the control within its limits.
+
+        Raises
+        ------
+        InputError
+        """
+        if amplitude > self.room:
+            limits = f"limits {self.controller.control_min:.4g} to {self.controller.control_max:.4g}"
+            near = f"as far as the control, {self.control:.4g} at rest, is from its {limits}"
+            raise InputError(f"amplitude = {amplitude:.4g}; allowed: up to {self.room:.4g}, {near}")
+
+    @property
     def _reach(self) -> float:
         """The proportional band; 0 where there is none."""
         controller = self.controller
