@@ -125,6 +125,14 @@ def test_a_record_that_does_not_show_the_process_is_refused_with_the_reason() ->
     assert "the control stays at 0.5" in found.message
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("gains", "worse"), [(Fopid(0.1, 0.1), True), (Fopid(0.9, 0.8), False)])
+def test_gains_that_would_have_made_the_day_worse_are_said_to(gains: Fopid, worse: bool) -> None:
+    found = replay(day(RAN), ControllerSettings(gains))
+    assert found.success, found.message
+    assert ("on this day they leave more error than what ran" in found.message) == worse
+
+
 def test_without_a_setpoint_or_with_too_many_samples_it_says_so() -> None:
     record = day(RAN)
     with pytest.raises(InputError, match="record without a setpoint"):

@@ -56,7 +56,7 @@ def identify_verb(
     from fopid_core.study.records import read_record
 
     signals = read_record(record, namespace, control_before, columns)
-    signals = signals.part(first, last) if math.isfinite(first) or math.isfinite(last) else signals
+    signals = signals.part(first, last) if (first, last) != (-math.inf, math.inf) else signals
     sensor = sensor_noise(signals)
     found = identify(signals, template, noise=sensor.level if sensor.at_rest else 0.0)
     behind = found.behind_actuator(signals)

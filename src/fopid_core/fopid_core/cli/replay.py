@@ -64,7 +64,7 @@ def replay_verb(
     signals, ran = _read(record, namespace, columns)
     if ran is not None:
         settings = _as_it_ran(ran, settings, slow, setpoint_weights, limits)
-    signals = signals.part(first, last) if math.isfinite(first) or math.isfinite(last) else signals
+    signals = signals.part(first, last) if (first, last) != (-math.inf, math.inf) else signals
     found = replay(signals, settings, tuned=gains is None)
     if plot and found.success:
         from fopid_core.cli.plots import plot_replay

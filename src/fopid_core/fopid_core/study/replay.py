@@ -162,6 +162,9 @@ def replay(
         told = "the sampled loop runs away with these gains; allowed: those that hold at this sample time"
     gains = chosen.gains if chosen else settings.gains if settings and not tuned else None
     before = figures(even.time, even.setpoint, even.measurement, even.control)
+    least = day[1] if day else None
+    if least is not None and least.iae > before.iae:
+        told = f"{told}; on this day they leave more error than what ran, {least.iae:.4g} or more for {before.iae:.4g}"
     rest = (gains, before, *(day or _NO_DAY)[:3], even.time, even.setpoint, *(day or _NO_DAY)[3:], clock() - begun)
     return Replay(day is not None, told, learnt.identified, str(learnt.flaws), *rest)
 

@@ -168,6 +168,16 @@ def test_a_gap_that_the_samples_do_not_bridge_is_named() -> None:
     assert "no samples from 14.98 to 23.02 s" in result.message
 
 
+def test_numbers_that_stand_for_no_measurement_are_pointed_at_where_nothing_can_be_learnt() -> None:
+    clean = step_record("2/(10s+1)*exp(-3s)", 150.0, 0.25, 0.02)
+    measurement = clean.measurement.copy()
+    measurement[[40, 90]] = -9999.0
+    found = identify(Record(clean.time, clean.control, measurement), "foptd")
+    assert not found.success
+    assert "the measurement is -9999 at 10 s, far beyond all but 2 samples" in found.message
+    assert "far beyond" not in identify(clean, "foptd").message
+
+
 def test_a_disturbance_that_swamps_the_setpoint_is_refused_or_known_to_be_uncertain() -> None:
     rng = np.random.default_rng(1)
     load = np.zeros(4000)

@@ -311,7 +311,7 @@ def test_a_trial_that_is_cancelled_can_be_taken_back(learnt: IdentificationResul
         gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     assert not running.watched
     running.applied.append(ANOTHERS)
-    gain_update.roll_back()
+    assert not gain_update.roll_back()
     assert running.applied[-1] == ANOTHERS  # somebody has set others meanwhile: they stay
 
 
@@ -320,8 +320,8 @@ def test_a_trial_that_is_cancelled_is_taken_back_once(learnt: IdentificationResu
     gain_update, outcome = handed_over(running, learnt)
     with pytest.raises(CancelledError):
         gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
-    gain_update.roll_back()
-    gain_update.roll_back()
+    assert gain_update.roll_back()
+    assert not gain_update.roll_back()
     assert running.applied == [RunningDesign(outcome.tuned.tuning.controller), OLD]
 
 

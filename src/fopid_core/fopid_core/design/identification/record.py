@@ -158,9 +158,25 @@ class Record:
         counts = np.diff(np.append(starts, self.time.size))
         return np.add.reduceat(self.time, starts) / counts, np.add.reduceat(self.measurement, starts) / counts
 
-    def part(self, first: float, last: float) -> Record:
-        """The samples from one instant to another [s]."""
+    def part(self, first: float = -math.inf, last: float = math.inf) -> Record:
+        """The samples from one instant to another [s].
+
+        Raises
+        ------
+        InputError
+            If there are none between them.
+
+        Examples
+        --------
+        >>> time = np.arange(0.0, 5.0, 0.1)
+        >>> Record(time, time, time).part(first=7.0)
+        Traceback (most recent call last):
+        fopid_core.errors.InputError: from 7 s to inf s there are no samples; allowed: within 0 s to 4.9 s
+        """
         inside = (self.time >= first) & (self.time <= last)
+        if not inside.any():
+            within = f"{self.time[0]:g} s to {self.time[-1]:g} s"
+            raise InputError(f"from {first:g} s to {last:g} s there are no samples; allowed: within {within}")
         setpoint, excitation = (None if x is None else x[inside] for x in (self.setpoint, self.excitation))
         before = self.control_before if inside[0] else None
         return replace(

@@ -27,6 +27,8 @@ MOST_UNSURE = 0.3
 FAR_TOO_SHORT = 60.0
 """A record that would have to be so many times longer shows no crossover."""
 _STILL = 0.05
+_FAR, _FEW = 20.0, 0.01
+"""So many times as far from the median as all but that share of the samples."""
 _GAP = 0.05
 """A gap of this share of the record is named where the control explains too little."""
 _FEEDBACK = (
@@ -72,6 +74,11 @@ def refusal_of(record: Record, best: IdentifiedModel, noise: float) -> str:
     noise : float
         Standard deviation of the measurement's noise; 0 where it is not known.
     """
+    why = _why_not(record, best, noise)
+    return f"{why}{_far_from_all_others(record)}" if why else ""
+
+
+def _why_not(record: Record, best: IdentifiedModel, noise: float) -> str:
     missed = _missed(record, best)
     if missed == math.inf:
         return f"disturbances have moved the measurement more than the experiment has: {_LARGER}"
@@ -130,6 +137,16 @@ def _advice(record: Record) -> str:
             f"there are no samples from {first:.4g} to {last:.4g} s after the first; use what is before or after that"
         )
     return "look for disturbances, a sensor that sticks or a wrong pair of signals, and move the control more"
+
+
+def _far_from_all_others(record: Record) -> str:
+    """What some loggers write where a sensor says nothing: a few numbers far beyond all others."""
+    away = np.abs(record.measurement - np.median(record.measurement))
+    far = np.flatnonzero(away > _FAR * np.quantile(away, 1.0 - _FEW))
+    if not 0 < far.size <= _FEW * away.size:
+        return ""
+    first = f"{record.measurement[far[0]]:.6g} at {record.time[far[0]]:.6g} s"
+    return f"; the measurement is {first}, far beyond all but {far.size} samples: if no sensor said so, leave them out"
 
 
 def grows(record: Record) -> bool:

@@ -199,9 +199,10 @@ class Autotuner:
             self._tap.begin_injection()
             outcome = self._run()
             return self._try_others(outcome) if outcome.rolled_back else outcome
-        except BaseException:
-            for update in reversed(self._updates):
-                update.roll_back()
+        except BaseException as error:
+            put_back = [update.roll_back() for update in reversed(self._updates)]
+            if any(put_back) and isinstance(error, InputError):
+                raise InputError(f"{error}; the gains from before are back") from error
             raise
         finally:
             self._tap.history.whole_since = math.inf

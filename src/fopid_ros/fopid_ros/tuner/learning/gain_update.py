@@ -423,8 +423,13 @@ class GainUpdate:
             self._tap.set_tick_hook(None)
         return watch
 
-    def roll_back(self) -> None:
+    def roll_back(self) -> bool:
         """The gains from before, where those on trial are in force; others that came meanwhile stay.
+
+        Returns
+        -------
+        bool
+            Whether they had to be put back.
 
         Raises
         ------
@@ -432,11 +437,13 @@ class GainUpdate:
             If the controller does not take them.
         """
         if self._previous is None or self._trial is None:
-            return
+            return False
         before, self._previous = self._previous, None
         try:
             now = self._client.design()
             if now.is_same_loop(self._trial) or now.is_same_loop(before):  # those on trial may still be on their way
                 self._client.apply(before)
+                return True
+            return False
         except InputError as error:
             raise InputError(f"the previous gains, {before.gains}, could not be put back: {error}") from None
