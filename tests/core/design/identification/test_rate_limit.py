@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from fopid_core.design.flaw_trial import FlawTrial
 from fopid_core.design.identification.flaws import Flaws, slewed
@@ -93,6 +94,27 @@ def test_nothing_speaks_for_one_where_it_jumps_nor_do_small_moves_in_noise(
 ) -> None:
     made = record(rate, noise, moved)
     assert behind_slow_actuator(made, identify(made)) is None
+
+
+@pytest.mark.parametrize("rate", [math.inf, 60.0])
+def test_short_pulses_count_beside_what_moves_a_long_record_far_more(rate: float) -> None:
+    """A disturbance of 0.1 that wanders, where noise is 0.003 and pulses show by 0.06: errors alone hardly differ."""
+    time = np.arange(0.0, 120.0, EVERY)
+    wanted = np.sign(np.sin(2.0 * np.pi * time / 9.0)) * (time >= 2.0) * (time < 80.0)
+    for start in range(85, 115, 5):
+        wanted += 20.0 * ((time >= start) & (time < start + 2.0 * EVERY))
+    made = answered(time, wanted, min(rate, 1e6), 0.003)
+    wandering = lfilter([0.05 * math.sqrt(EVERY)], [1.0, -0.995], np.random.default_rng(2).standard_normal(time.size))
+    made = Record(made.time, made.control, made.measurement + wandering)
+    best = identify(made).best
+    assert best is not None
+    assert best.noise > 5.0 * 0.003
+    slow = rate_limit_of(made, best, 0.0)
+    if math.isinf(rate):
+        assert slow is None or slow.rate > 100.0
+    else:
+        assert slow is not None
+        assert slow.rate < 1.3 * rate  # never told to be quicker than it is
 
 
 def test_play_is_not_taken_for_a_slow_actuator() -> None:

@@ -12,7 +12,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.signal import lfilter
 
+from fopid_core.design.identification.coloured_noise import whitener
 from fopid_core.design.identification.fit import Fit, fit
 from fopid_core.design.identification.flaws import Flaws, slewed
 from fopid_core.design.identification.identified_model import IdentifiedModel
@@ -31,6 +33,9 @@ and play together look a little like one."""
 POSSIBLE, EXCLUDED = 4.0, 15.0
 """What loses less of that is as good; and what loses more is not so. A record that does not exclude even the slowest
 that is tried knows nothing of actuators."""
+WHITE_DOUBT = 20.0
+"""By so much less counts what is left of the measurement made white, which knows of a few short pulses in a long record
+that no model explains closely, and where the fits have not quite come to their ends."""
 SHORTER = (1.0, 0.2)
 """A delay learnt without a limit holds what a slow actuator takes: fits begin with it, and with that share of it."""
 FINE = 1.12
@@ -62,7 +67,8 @@ def rate_limit_of(record: Record, learnt: IdentifiedModel, speaks: float = SPEAK
         scanned = moved / np.geomspace(shortest, longest, math.ceil(math.log(longest / shortest) / math.log(FINE)) + 2)
         rates = np.append(rates, _dips(record, learnt, scanned))
     tried = _behind(record, learnt, np.append(rates, math.inf))
-    if _lost(tried, math.inf) < speaks or _lost(tried, min(tried)) <= EXCLUDED:
+    lost = _lost(tried)
+    if lost[math.inf] < speaks or lost[min(lost)] <= EXCLUDED:
         return None
     best = min(tried, key=lambda rate: tried[rate].error)
     nearer = {float(rate) for about in {best, _slowest(tried)} - {math.inf} for rate in about * NEARER}
@@ -78,12 +84,21 @@ def gained(before: Fit, after: Fit) -> float:
 
 
 def _slowest(tried: dict[float, Fit]) -> float:
-    return min(rate for rate in tried if _lost(tried, rate) <= POSSIBLE)
+    return min(rate for rate, lost in _lost(tried).items() if lost <= POSSIBLE)
 
 
-def _lost(tried: dict[float, Fit], rate: float) -> float:
-    """Twice the logarithm of the likelihood of a limit, less than that of the best."""
-    return gained(tried[rate], min(tried.values(), key=lambda found: found.error))
+def _lost(tried: dict[float, Fit]) -> dict[float, float]:
+    """Twice the logarithm of the likelihood of each limit, less than that of the likeliest."""
+    best = min(tried.values(), key=lambda found: found.error)
+    white, count = whitener(best.residual), best.residual.size
+    left = {rate: float(np.var(lfilter(white, np.ones(1), one.residual)[white.size :])) for rate, one in tried.items()}
+    least = max(min(left.values()), 1e-300)
+    lost = {
+        rate: max(gained(one, best), count * math.log(max(left[rate], 1e-300) / least) / WHITE_DOUBT)
+        for rate, one in tried.items()
+    }
+    likeliest = min(lost.values())
+    return {rate: less - likeliest for rate, less in lost.items()}
 
 
 def _dips(record: Record, learnt: IdentifiedModel, rates: Floats) -> Floats:
