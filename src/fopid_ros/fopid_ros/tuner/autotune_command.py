@@ -37,7 +37,9 @@ SILENT, GONE = 5.0, 10.0
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="autotune", description="Excite the running loop, learn its process, tune, verify, apply and watch."
+        prog="autotune",
+        description="Excite the running loop, learn its process, tune, verify, apply and watch.",
+        epilog="The tuner of a namespace: autotune --ros-args -r __ns:=/NAME",
     )
     add = parser.add_argument
     add("--excitation", default="", choices=("prbs", "relay", "step"), help="how the loop is moved (prbs)")
@@ -189,7 +191,7 @@ class _Lines:
 
 def _show(result: Autotune.Result) -> None:
     print(result.message)
-    if not result.model.process and not math.isfinite(result.gains.kp):
+    if result.success and not result.model.process and not math.isfinite(result.gains.kp):
         print("\n".join(result.plan))
     if result.model.process:
         print(f"model     {result.model.process}  (fit {result.model.fit_pct:.1f} %)")
