@@ -39,7 +39,8 @@ def row_of(loop: Loop, structure: str = "pid") -> Row:
 
 def test_the_first_control_is_known_where_an_ideal_derivative_makes_the_output_infinite_at_once() -> None:
     integrator = Loop(Process.parse("0.05/s"), Fopid(4.0, 0.0, 6.4, 1.0, 1.15), MeasurementFilter(2, 2.8))
-    controller = FopidController(as_designed(integrator.controller, BOUNDS.sample_time, integrator.filter))
+    settings = as_designed(integrator.controller, BOUNDS.sample_time, integrator.filter, integrator.weights)
+    controller = FopidController(settings)
     assert row_of(integrator, "fopid").control_peak == pytest.approx(controller.step(1.0, 0.0))
 
 
