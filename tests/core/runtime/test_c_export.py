@@ -53,6 +53,17 @@ def compile_and_run(folder: Path, source: str, *flags: str) -> str:
     return subprocess.run([program], capture_output=True, text=True, check=True, timeout=60).stdout
 
 
+def told_by_c(folder: Path, ticks: int, inputs: str, part: str) -> float:
+    """A part of the state after so many ticks k with these inputs."""
+    (folder / "main.c").write_text(
+        '#include "loop.h"\n#include <math.h>\n#include <stdio.h>\n'
+        "int main(void) { static loop_state c; int k; loop_init(&c);"
+        f" for (k = 0; k < {ticks}; k++) loop_step(&c, {inputs});"
+        f' printf("%.17g", c.{part}); return 0; }}\n'
+    )
+    return float(compile_and_run(folder, "main.c"))
+
+
 def write(folder: Path, settings: ControllerSettings) -> None:
     (folder / "loop.h").write_text(c_header(settings, "loop"))
     (folder / "loop_test.c").write_text(c_test(settings, "loop"))
@@ -136,33 +147,23 @@ def test_it_is_cplusplus_as_well(standard: str, tmp_path: Path) -> None:
 
 def test_an_input_that_is_not_finite_is_a_hold(tmp_path: Path) -> None:
     write(tmp_path, CONTROLLERS["limits"])
-    (tmp_path / "main.c").write_text(
-        '#include "loop.h"\n#include <math.h>\n#include <stdio.h>\n'
-        "int main(void) { static loop_state c; int k; loop_init(&c);"
-        " for (k = 0; k < 20; k++) loop_step(&c, 1, k == 10 || k == 11 ? NAN : 0.01 * k, 0, 0);"
-        ' printf("%.17g", c.control); return 0; }\n'
-    )
+    found = told_by_c(tmp_path, 20, "1, k == 10 || k == 11 ? NAN : 0.01 * k, 0, 0", "control")
     controller = FopidController(CONTROLLERS["limits"])
     for k in range(20):
         if k in (10, 11):
             controller.hold()
         else:
             controller.step(1.0, 0.01 * k)
-    assert float(compile_and_run(tmp_path, "main.c")) == pytest.approx(controller.state.control, abs=1e-12)
+    assert found == pytest.approx(controller.state.control, abs=1e-12)
 
 
 def test_a_feedforward_far_beyond_the_limits_counts_as_their_range(tmp_path: Path) -> None:
     write(tmp_path, CONTROLLERS["limits"])
-    (tmp_path / "main.c").write_text(
-        '#include "loop.h"\n#include <stdio.h>\n'
-        "int main(void) { static loop_state c; int k; loop_init(&c);"
-        " for (k = 0; k < 40; k++) loop_step(&c, 1, 0.01 * k, k == 10 || k == 11 ? 1e9 : 0, 0);"
-        ' printf("%.17g", c.integral); return 0; }\n'
-    )
+    found = told_by_c(tmp_path, 40, "1, 0.01 * k, k == 10 || k == 11 ? 1e9 : 0, 0", "integral")
     controller = FopidController(CONTROLLERS["limits"])
     for k in range(40):
         controller.step(1.0, 0.01 * k, feedforward=1e9 * (k in (10, 11)))
-    assert float(compile_and_run(tmp_path, "main.c")) == pytest.approx(controller.state.integral, abs=1e-12)
+    assert found == pytest.approx(controller.state.integral, abs=1e-12)
     assert abs(controller.state.integral) < 10.0
 
 

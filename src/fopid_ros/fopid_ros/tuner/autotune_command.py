@@ -31,8 +31,8 @@ from fopid_ros.common.middleware import prepare_middleware, use_profile
 
 FOUND_TIME = 10.0
 """How long the tuner may take to be found [s]."""
-SILENT, GONE = 5.0, 10.0
-"""After so long without a word it is asked whether it knows of the goal; and how long none may be there [s]."""
+ASKED_EVERY, GONE = 10.0, 10.0
+"""So often a tuner is asked whether it still knows of the goal; and so long none may be there [s]."""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -69,7 +69,7 @@ def main(args: Sequence[str] | None = None) -> int:
             signal.signal(ending, signal.default_int_handler)
         return _run(Autotune.Goal(**options))
     except KeyboardInterrupt:
-        print("ended before the tuner had taken it up", file=sys.stderr)
+        print("ended; the tuner was not waited for", file=sys.stderr)
         return 3
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -154,7 +154,7 @@ class _UnderWay:
                 seen = now
             elif now - seen > GONE:
                 raise InputError(_gone("none is there any more"))
-            if now - asked > SILENT:
+            if now - asked > ASKED_EVERY:
                 asked = now
                 self._asked.append(self._handle.get_result_async())
 
