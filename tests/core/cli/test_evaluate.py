@@ -158,7 +158,6 @@ def test_without_json_people_get_a_table(verb: str, row: str) -> None:
         (("evaluate", "P1", "--gains", GAINS, "--speed", "3"), ("--speed",)),
         (("step", "P1", "--gains", GAINS, "--input", "noise"), ("'--input'", "'noise'", "'setpoint', 'load'")),
         (("step", "P1", "--gains", GAINS, "--points", "1"), ("points = 1", "allowed: at least 2")),
-        (("step", "P1", "--gains", GAINS, "--plot", "step.xyz"), ("step.xyz", "not supported")),
         (("region", "P1", "--orders", "1"), ("orders '1'", "LAM,MU")),
         (("region", "P1", "--orders", "2,1"), ("lam = 2", "allowed")),
         (("juggle",), ("juggle",)),
@@ -195,3 +194,24 @@ def test_a_misspelt_name_is_answered_with_the_nearest_right_one(line: str, said:
     assert result.exit_code == 2
     assert said in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("verb", "option", "name", "allowed"),
+    [
+        (("identify", "record.csv"), "--plot", ".", "a file, not a folder"),
+        (("identify", "record.csv"), "--plot", "none/fit.png", "in a folder that is there"),
+        (("tune", "time", "1/(s+1)^3"), "--plot", "picture.docx", "a name that ends in .png, .svg, .pdf, .jpg"),
+        (("replay", "record.csv"), "--out", "none/replayed.csv", "in a folder that is there"),
+        (("design", "record.csv"), "--out", "none/report.html", "in a folder that is there"),
+        (("compare", "1/(s+1)^3"), "--page", "none/page.html", "in a folder that is there"),
+        (("front", "1/(s+1)^3"), "--csv", "none/front.csv", "in a folder that is there"),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_done(
+    verb: tuple[str, ...], option: str, name: str, allowed: str
+) -> None:
+    """The records are not there, which would be said first if they were read first."""
+    result = run(*verb, option, name)
+    assert result.exit_code == 2
+    assert f"'{option}': {name!r}; allowed: {allowed}" in result.stderr

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -149,6 +150,12 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
 ROWS = [(0.5 * k, float(k > 5), 0.25 * k) for k in range(40)]
 
 
+def on_the_clock(began: str, clock: str) -> list[str]:
+    """The rows with the times of a clock."""
+    first = datetime.fromisoformat(began)
+    return [f"{first + timedelta(seconds=t):{clock}},{u},{y}" for t, u, y in ROWS]
+
+
 @pytest.mark.parametrize(
     ("lines", "columns"),
     [
@@ -168,6 +175,12 @@ ROWS = [(0.5 * k, float(k > 5), 0.25 * k) for k in range(40)]
         (["time;op;pv", *(f"31.01.2026 23:59:{t:04.1f};{u};{y}" for t, u, y in ROWS)], None),
         (["time,op,pv", *(f"01/31/2026 11:59:{2 * t:02.0f} PM,{u},{2 * y}" for t, u, y in ROWS)], "pv,op"),
         (["time,op,pv", *(f"23:59:{t:04.1f},{u},{y}" for t, u, y in ROWS)], None),
+        (["time,op,pv", *on_the_clock("2026-01-31 23:59:50", "%H:%M:%S.%f")], None),
+        (["time,op,pv", *on_the_clock("2026-01-31 13:00:00", "%m/%d/%Y %H:%M:%S.%f")], None),
+        (["time,op,pv", *on_the_clock("2026-04-03 23:59:50", "%m/%d/%Y %H:%M:%S.%f")], None),
+        (["time,op,pv", *on_the_clock("2026-04-03 23:59:50", "%d/%m/%Y %H:%M:%S.%f")], None),
+        (["Logger 7, of 3", "", "site: boiler", "time,MV,PV", *(f"{t},{u},{y}" for t, u, y in ROWS)], None),
+        (["# made by hand", "Tag,TIC7.OUT,TIC7.IN", *(f"{t},{u},{y}" for t, u, y in ROWS)], "TIC7.IN,TIC7.OUT"),
     ],
     ids=(
         "no header",
@@ -186,6 +199,12 @@ ROWS = [(0.5 * k, float(k > 5), 0.25 * k) for k in range(40)]
         "day first",
         "am or pm",
         "time of day",
+        "over midnight",
+        "month first, 24 hours",
+        "month or day first, over midnight",
+        "day or month first, over midnight",
+        "lines before the header",
+        "lines before the header, tags",
     ),
 )
 def test_control_systems_write_csv_in_many_ways(lines: list[str], columns: str | None, tmp_path: Path) -> None:

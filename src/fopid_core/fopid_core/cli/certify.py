@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, filter_option, read_filter
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, NewFile, as_json, filter_option, read_filter
 from fopid_core.cli.output import emit, write_file
 from fopid_core.design.certificate import require_ball_arithmetic
 from fopid_core.errors import InputError
@@ -42,7 +42,7 @@ _OPEN_SHARE = 0.04
 )
 @click.option("--effort", type=float, default=60.0, show_default=True, metavar="S", help="Give up after this long [s].")
 @click.option("--precision", type=int, default=128, show_default=True, metavar="BITS", help="Of the ball arithmetic.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write the certificate.")
+@click.option("--out", type=NewFile(), metavar="FILE", help="Write the certificate.")
 @click.option("--check", "checked", type=click.Path(path_type=Path), metavar="FILE", help="Check one instead.")
 @as_json
 def certify_verb(

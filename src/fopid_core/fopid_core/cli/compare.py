@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, design_options
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, NewFile, as_json, design_options
 from fopid_core.cli.output import emit, jsonable, text, write_file
 from fopid_core.cli.progress import progress
 from fopid_core.errors import InputError
@@ -32,7 +32,7 @@ COLUMNS = {
 )
 @design_options("ms_max", "mt_max", "noise_max", "u_max", "horizon", "sample_time")
 @click.option("--filter-order", type=int, default=2, show_default=True, help="Of the measurement's filter: 0, 1 or 2.")
-@click.option("--page", type=click.Path(path_type=Path), metavar="FILE", help="A page with the pictures.")
+@click.option("--page", type=NewFile(), metavar="FILE", help="A page with the pictures.")
 @as_json
 def compare_verb(
     process: str | None, record: Path | None, prefer: str, worth: float | None, page: Path | None, as_json: bool,

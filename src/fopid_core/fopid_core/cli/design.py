@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, design_options
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, NewFile, as_json, design_options
 from fopid_core.cli.output import emit, write_file
 from fopid_core.errors import InputError
 
@@ -20,7 +20,7 @@ from fopid_core.errors import InputError
 @click.option("--index", default="iae", show_default=True, help="What is made small.")
 @design_options("ms_max")
 @click.option("--sample-time", type=float, metavar="S", help="Of the controller as it runs [s]; 0.01, or the record's.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="The report; design.html.")
+@click.option("--out", type=NewFile(), metavar="FILE", help="The report; design.html.")
 @as_json
 def design_verb(
     source: str,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json, design_options, process_argument
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, NewFile, as_json, design_options, process_argument
 from fopid_core.cli.output import emit, text
 from fopid_core.cli.progress import progress
 from fopid_core.errors import InputError
@@ -30,8 +30,8 @@ NUMBERS = ("iae_load", "ms", "mt", "noise_gain")
 @click.option("--ms-max", type=float, default=2.0, show_default=True, metavar="X", help="Largest bound on max |S|.")
 @design_options("mt_max", "noise_max", "horizon", "sample_time")
 @click.option("--filter-order", type=int, default=2, show_default=True, help="Of the measurement's filter: 1 or 2.")
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="A picture of it.")
-@click.option("--csv", "table", type=click.Path(path_type=Path), metavar="FILE", help="All designs, a line each.")
+@click.option("--plot", type=NewFile(picture=True), metavar="FILE", help="A picture of it.")
+@click.option("--csv", "table", type=NewFile(), metavar="FILE", help="All designs, a line each.")
 @click.option("--take", type=int, metavar="INDEX", help="Tell all about this design, as parameters of the controller.")
 @as_json
 def front_verb(

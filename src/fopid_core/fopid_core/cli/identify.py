@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, NewFile, as_json
 from fopid_core.cli.output import emit
 
 if TYPE_CHECKING:
@@ -33,9 +33,7 @@ if TYPE_CHECKING:
 @click.option(
     "--columns", metavar="PV,OP,SP", help="Of a csv file: names or numbers of its columns; the fourth is time."
 )
-@click.option(
-    "--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw measurement and model: png, svg, pdf."
-)
+@click.option("--plot", type=NewFile(picture=True), metavar="FILE", help="Draw measurement and model: png, svg, pdf.")
 @as_json
 def identify_verb(
     record: Path,

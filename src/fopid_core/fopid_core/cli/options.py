@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,8 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 # A process text may begin with a minus sign; what is no option of ours is taken as an argument.
 ARGUMENTS = {"ignore_unknown_options": True, "help_option_names": ["-h", "--help"]}
 BAD_INPUT = 2
+PICTURES = (".png", ".svg", ".pdf", ".jpg")
+"""Ends of the names of pictures, which say how these are drawn."""
 CANNOT_BE_MET = 3
 
 
@@ -34,10 +37,37 @@ class Verbs(click.Group):
         return super().parse_args(ctx, args)
 
 
+class NewFile(click.Path):
+    """A file to be written at the end: whether it can be is said at the beginning, as what comes before takes minutes.
+
+    Parameters
+    ----------
+    picture : bool
+        Whether its name says how it is drawn.
+    """
+
+    def __init__(self, picture: bool = False) -> None:
+        super().__init__(path_type=Path)
+        self._picture = picture
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The path, where a file can be written there."""
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if path.is_dir():
+            self.fail(f"{str(path)!r}; allowed: a file, not a folder", param, ctx)
+        if not path.parent.is_dir():
+            self.fail(f"{str(path)!r}; allowed: in a folder that is there", param, ctx)
+        if not os.access(path if path.exists() else path.parent, os.W_OK):
+            self.fail(f"{str(path)!r}; allowed: where you may write", param, ctx)
+        if self._picture and path.suffix.lower() not in PICTURES:
+            self.fail(f"{str(path)!r}; allowed: a name that ends in {', '.join(PICTURES)}", param, ctx)
+        return path
+
+
 as_json = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, nothing else.")
 process_argument = click.argument("process")
 gains_option = click.option("--gains", required=True, metavar="KP,KI,KD,LAM,MU", help="The controller's five numbers.")
-plot_option = click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: png, svg or pdf.")
+plot_option = click.option("--plot", type=NewFile(picture=True), metavar="FILE", help="Draw it: png, svg or pdf.")
 
 _WHAT_IS_DESIGNED = {
     "horizon": click.option("--horizon", type=float, metavar="S", help="Of the steps [s]; chosen when not given."),

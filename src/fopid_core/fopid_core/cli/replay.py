@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, as_json
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, NewFile, as_json
 from fopid_core.cli.output import emit, write_file
 from fopid_core.errors import InputError
 
@@ -37,8 +37,8 @@ NAMES = ("kp", "ki", "kd", "lam", "mu")
 @click.option(
     "--columns", metavar="PV,OP,SP", help="Of a csv file: names or numbers of its columns; the fourth is time."
 )
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw it: png, svg or pdf.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="All signals with their bands, as csv.")
+@click.option("--plot", type=NewFile(picture=True), metavar="FILE", help="Draw it: png, svg or pdf.")
+@click.option("--out", type=NewFile(), metavar="FILE", help="All signals with their bands, as csv.")
 @as_json
 def replay_verb(
     record: Path,

@@ -61,8 +61,9 @@ UNSEEN_END = (
 """What is said where such ranges were searched."""
 RUNS_AWAY = "learnt as a process that runs away without a controller"
 """What is said of such a process."""
-SLOWED, MOST_SLOWED = (0.7, 0.5), 2
-"""Where the record forbids all designs: so many of them, those that it forbids by least, are made so much slower."""
+SLOWED, MOST_SLOWED = ((0.7, 0.85), (0.5, 0.6)), 2
+"""Where the record forbids all designs: so many of them, those that it forbids by least, are made so much slower, and
+where one is allowed then, half as much slower."""
 SLOWER = (0.5, 0.25)
 """Shares of a crossover that are tried where noise moves the control too much."""
 _UNSTABLE = 1e3
@@ -228,8 +229,11 @@ class _Trial:
     tell: Callable[[str], object]
     made: list[Candidate]
 
-    def make(self, wanted: TuningRequest, first: TuningResult | None = None) -> None:
-        """Make a design, from what the request first comes to where that is known; the judge keeps it if the best."""
+    def make(self, wanted: TuningRequest, first: TuningResult | None = None) -> bool:
+        """Make a design, from what the request first comes to where that is known; the judge keeps it if the best.
+
+        Whether it may be used.
+        """
         self.tell(f"{_name(wanted)}, on all that the record leaves possible")
         try:
             runs = self.judge.running.gains, self.judge.running.filter
@@ -237,7 +241,7 @@ class _Trial:
         except InputError:  # a rule that is not for this process
             if wanted.rule is None:
                 raise
-            return
+            return False
         reason = self.judge.reason(tuned) if tuned.success else tuned.message
         if not reason:
             self.judge.take(tuned, wanted)
@@ -246,6 +250,7 @@ class _Trial:
             worth = self.judge.worth(loop_of(self.judge.process, tuning))
             score = math.inf if reason else self.judge.score(worth, tuning.controller)
         self.made.append(Candidate(_name(wanted), tuned, worth, reason, score))
+        return not reason
 
     @property
     def is_done(self) -> bool:
@@ -274,9 +279,9 @@ class _Trial:
             design = self.made[i].tuned.tuning
             if design is None or math.isinf(distance):
                 return
-            for share in SLOWED:
-                if not self.is_done:
-                    self.make(*slower_design(asked, design, share))
+            for slower, between in SLOWED:
+                if not self.is_done and self.make(*slower_design(asked, design, slower)):
+                    self.make(*slower_design(asked, design, between))
 
     def calmed(self, chosen: RobustTuning) -> RobustTuning:
         """A design that was made, with weights that overshoot less where a step leaves no more error than what runs."""

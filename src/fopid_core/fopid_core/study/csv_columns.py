@@ -16,7 +16,9 @@ from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 
 NEEDED, OPTIONAL = ("time", "control", "measurement"), ("setpoint",)
-SYNONYMS = {"t": "time", "timestamp": "time", "op": "control", "pv": "measurement", "sp": "setpoint"}
+SYNONYMS = {
+    "t": "time", "timestamp": "time", "op": "control", "mv": "control", "pv": "measurement", "sp": "setpoint",
+}  # fmt: skip
 """What else a header may call them, as control systems do."""
 SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 """Units of time in a header."""
@@ -24,9 +26,14 @@ MISSING = (
     "", "nan", "null", "none", "n/a", "na", "#n/a", "-", "--", "bad", "bad input", "no data", "i/o timeout"
 )  # fmt: skip
 """What stands in a cell without a value, as spreadsheets and historians write."""
-CLOCKS = ("%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%m/%d/%Y %I:%M:%S %p", "%H:%M:%S", "%H:%M:%S.%f")
-"""Times that can be read in one way only, beside ISO 8601: a day of the month between slashes comes second with am or
-pm only."""
+CLOCKS = ("%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%H:%M:%S", "%H:%M:%S.%f")
+"""Times that can be read in one way only, beside ISO 8601."""
+MONTH_FIRST = ("%m/%d/%Y %H:%M:%S", "%m/%d/%Y %H:%M:%S.%f", "%m/%d/%Y %I:%M:%S %p")
+DAY_FIRST = ("%d/%m/%Y %H:%M:%S", "%d/%m/%Y %H:%M:%S.%f", "%d/%m/%Y %I:%M:%S %p")
+"""Dates between slashes, which a whole column tells apart."""
+PREAMBLE = 50
+"""So many lines may stand before the header."""
+_DAY = 86400.0
 _EPOCH = 1e8  # times from here on count from 1970, not from the start of a record
 _UNITS_OF_EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 
@@ -52,8 +59,9 @@ def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
 
     In UTF-8, UTF-16 or Windows-1252. Separated by commas, semicolons or tabs; a decimal comma where commas do not
     separate; times in seconds, in the unit of their header, as ISO 8601, 31.01.2026 12:00:00, 01/31/2026 12:00:00 PM,
-    12:00:00 or counted from 1970 (then from the first row on); a row of units after the header, or no header at all;
-    rows with a gap are left out.
+    01/31/2026 12:00:00, 31/01/2026 12:00:00, 12:00:00, also over midnight, or counted from 1970 (then from the first
+    row on); lines of other text before the header, a row of units after it, or no header at all; rows with a gap are
+    left out. Where day and month between slashes could be either, they are read so that the record is the shorter.
 
     Parameters
     ----------
@@ -69,6 +77,7 @@ def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
     """
     rows, separator = _rows(path)
     comma = separator != ","
+    rows = rows[_preamble(rows, columns) :]
     headed = bool(rows) and not all(_is_value(cell, comma) for cell in rows[0])
     header = [cell.strip() for cell in rows[0]] if headed else [str(i + 1) for i in range(len(rows[0]) if rows else 0)]
     places = _asked(columns, header, path) if columns else _found(header, headed, path)
@@ -92,7 +101,7 @@ def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
 def _rows(path: Path) -> tuple[list[list[str]], str]:
     try:
         lines = _text(path.read_bytes()).splitlines()
-        separator = next((mark for mark in ";\t" if lines and mark in lines[0]), ",")
+        separator = next((mark for mark in ";\t" if 2 * sum(mark in line for line in lines) > len(lines)), ",")
         return [row for row in csv.reader(lines, delimiter=separator) if any(cell.strip() for cell in row)], separator
     except (OSError, csv.Error) as error:
         raise InputError(f"record {str(path)!r} cannot be read: {error}") from None
@@ -116,6 +125,16 @@ def _text(data: bytes) -> str:
         if b"\0" in data:
             raise
         return data.decode("cp1252")
+
+
+def _preamble(rows: Sequence[Sequence[str]], columns: str | None) -> int:
+    """How many rows stand before the first that names all columns, if there is one."""
+    asked = [name.strip().lower() for name in columns.split(",")] if columns else NEEDED
+    wanted = {name for name in asked if not name.isdigit()}
+    for number, row in enumerate(rows[:PREAMBLE]):
+        if wanted <= {name for cell in row for name in (cell.strip().lower(), _split(cell)[0].lower(), _plain(cell))}:
+            return number
+    return 0
 
 
 def _found(header: Sequence[str], headed: bool, path: Path) -> dict[str, int]:
@@ -179,7 +198,9 @@ def _plain(name: str) -> str:
 
 
 def _is_value(cell: str, comma: bool) -> bool:
-    return cell.strip().lower() in MISSING or not math.isnan(_number(cell, comma)) or _moment(cell) is not None
+    if cell.strip().lower() in MISSING or not math.isnan(_number(cell, comma)):
+        return True
+    return _moment(cell, ("", *CLOCKS, *MONTH_FIRST, *DAY_FIRST)) is not None
 
 
 def _number(cell: str, comma: bool) -> float:
@@ -189,10 +210,10 @@ def _number(cell: str, comma: bool) -> float:
         return math.nan
 
 
-def _moment(cell: str) -> float | None:
-    """Seconds since 1970 of a time, or since midnight; without an offset as if it were UTC."""
+def _moment(cell: str, clocks: Sequence[str] = ("", *CLOCKS)) -> float | None:
+    """Seconds since 1970 of a time, or since midnight of a day in 1900; without an offset as if it were UTC."""
     text = cell.strip()
-    for clock in ("", *CLOCKS):
+    for clock in clocks:
         try:
             moment = datetime.strptime(text, clock) if clock else datetime.fromisoformat(text)
         except ValueError:
@@ -202,9 +223,12 @@ def _moment(cell: str) -> float | None:
 
 
 def _column(rows: list[list[str]], name: str, place: int, comma: bool) -> Floats:
-    values = np.empty(len(rows))
-    for number, row in enumerate(rows):
-        cell = row[place] if place < len(row) else ""
+    cells = [row[place] if place < len(row) else "" for row in rows]
+    read = _between_slashes(cells) if name == "time" and any("/" in cell for cell in cells) else None
+    if read is not None:
+        return read
+    values = np.empty(len(cells))
+    for number, cell in enumerate(cells):
         if cell.strip().lower() in MISSING:
             values[number] = math.nan
             continue
@@ -217,9 +241,24 @@ def _column(rows: list[list[str]], name: str, place: int, comma: bool) -> Floats
     return values
 
 
+def _between_slashes(cells: Sequence[str]) -> Floats | None:
+    """Times that all begin with the month, or all with the day: of two readings, the one that lasts less long."""
+    known = [place for place, cell in enumerate(cells) if cell.strip().lower() not in MISSING]
+    readings = []
+    for clocks in (MONTH_FIRST, DAY_FIRST):
+        moments = [_moment(cells[place], clocks) for place in known]
+        if None not in moments:
+            read = np.full(len(cells), math.nan)
+            read[known] = moments
+            readings.append(read)
+    return min(readings, key=lambda read: float(np.nanmax(read) - np.nanmin(read)), default=None)
+
+
 def _seconds(time: Floats, header: str) -> Floats:
     """Times in seconds; those that count from 1970 begin at 0."""
     unit = _split(header)[1].lower()
+    if time.size and time[0] < -_EPOCH:  # of the day only: it begins anew at midnight
+        time = time + _DAY * np.cumsum(np.diff(time, prepend=time[0]) < -0.5 * _DAY)
     if time.size and abs(float(time[0])) >= _EPOCH:
         factor = next((factor for least, factor in _UNITS_OF_EPOCHS if time[0] >= least), 1.0)
         return np.asarray((time - time[0]) * factor)
