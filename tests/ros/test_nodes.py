@@ -73,6 +73,7 @@ def test_a_bad_start_is_one_line_that_names_the_input(
         ),
         ("plant_simulator", ["P1", "--ros-args", "-p", "seed:=1"], "argument 'P1'"),
         ("fopid_tuner", ["--ros-args", "--", "--process=P1"], "-p process:=VALUE"),
+        ("fopid_controller", ["--ros-args", "kp:=2.0"], "['kp:=2.0'] behind --ros-args; allowed: -p NAME:=VALUE"),
     ],
 )
 def test_an_argument_that_a_node_does_not_have_is_refused(

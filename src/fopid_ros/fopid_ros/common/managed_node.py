@@ -24,9 +24,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from rclpy.utilities import remove_ros_args
 
 from fopid_core.errors import InputError
+from fopid_ros.common.arguments import refuse_other_arguments
 from fopid_ros.common.background import Background, Later
 from fopid_ros.common.diagnostics import diagnostic_array, diagnostic_status
 from fopid_ros.common.endpoints import Endpoints
@@ -345,32 +345,6 @@ def run(
         print(usage(node_class))
         return 0
     return run_all([make or node_class], args)
-
-
-def refuse_other_arguments(args: Sequence[str], own: Sequence[str] = ()) -> None:
-    """Raise InputError for an argument that ROS would leave to the node, and that the node does not have (``own``).
-
-    Nor may one hold bytes that are no text in the process's locale.
-
-    Examples
-    --------
-    >>> refuse_other_arguments(["--kp", "2"])
-    Traceback (most recent call last):
-    ...
-    fopid_core.errors.InputError: argument '--kp'; allowed: --help, and parameters as in --ros-args -p kp:=VALUE
-    """
-    for given in args:
-        try:
-            given.encode()
-        except UnicodeEncodeError:
-            raise InputError(
-                f"argument {given!r}; allowed: a text that the locale knows, as LC_ALL=C.UTF-8 does"
-            ) from None
-    for other in remove_ros_args(["node", *args])[1:]:
-        if other in own:
-            continue
-        name = other.lstrip("-").partition("=")[0] if other.startswith("-") else "NAME"
-        raise InputError(f"argument {other!r}; allowed: --help, and parameters as in --ros-args -p {name}:=VALUE")
 
 
 def run_all(

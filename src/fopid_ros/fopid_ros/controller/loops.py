@@ -6,9 +6,8 @@ import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from rclpy._rclpy_pybind11 import UnknownROSArgsError
-from rclpy.utilities import remove_ros_args
-
+from fopid_core.errors import InputError
+from fopid_ros.common.arguments import other_than_ros
 from fopid_ros.common.managed_node import ManagedNode, run_all
 from fopid_ros.controller.node import ControllerNode
 
@@ -21,11 +20,11 @@ participant of the network in place of 20. In a parameter file /NAMESPACE/fopid_
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of the executable ``fopid_loops``."""
-    given = list(sys.argv if args is None else ["fopid_loops", *args])
+    given = list(sys.argv[1:] if args is None else args)
     try:
-        namespaces = remove_ros_args(given)[1:]
-    except UnknownROSArgsError as error:
-        print(f"error: {error} behind --ros-args; allowed: namespaces before it", file=sys.stderr)
+        namespaces = other_than_ros(given)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
         return 2
     if {"-h", "--help"} & set(namespaces):
         print(USAGE)
@@ -41,7 +40,7 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f"error: {told}; allowed: one and more, each once, as in fopid_loops left right", file=sys.stderr)
         return 2
     makers: list[Callable[[], ManagedNode]] = [partial(ControllerNode, namespace=name) for name in namespaces]
-    return run_all(makers, given[1:], namespaces)
+    return run_all(makers, given, namespaces)
 
 
 def _plain(namespaces: Sequence[str]) -> list[str]:

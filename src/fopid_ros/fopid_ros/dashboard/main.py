@@ -17,12 +17,12 @@ from rclpy.exceptions import InvalidNamespaceException, InvalidNodeNameException
 from rclpy.executors import Executor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 from tornado.httpserver import HTTPServer
 
 from fopid_core.errors import InputError
 from fopid_core.study.page.access import Access, chosen_token
 from fopid_core.study.page.listening import http_server, listening_sockets, page_address
+from fopid_ros.common.arguments import parse
 from fopid_ros.common.middleware import prepare_middleware, use_profile
 from fopid_ros.dashboard.live import PERIOD, LiveHandler, close_browsers
 from fopid_ros.dashboard.node import SPECS, DashboardNode
@@ -101,7 +101,7 @@ def _serve_node(host: str, port: int, given: str | None, ros_arguments: list[str
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of the executable ``dashboard``."""
     given = list(sys.argv[1:] if args is None else args)
-    options = _parser().parse_args(remove_ros_args(["dashboard", *given])[1:])
+    options = parse(_parser(), given)
     try:
         _serve_node(options.host, options.port, os.environ.get(TOKEN_VARIABLE), given)
     except (InputError, InvalidNodeNameException, InvalidNamespaceException, RCLError) as error:

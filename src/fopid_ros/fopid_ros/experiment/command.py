@@ -15,7 +15,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -24,6 +23,7 @@ from fopid_core.study.bags.provenance import provenance
 from fopid_core.study.experiments.experiment import Experiment, read_experiment, run_folder
 from fopid_core.study.reports.completeness import EVERY_SAMPLE
 from fopid_msgs.msg import ExperimentPhase, FopidState, ScalarStamped, TuningResult
+from fopid_ros.common.arguments import parse
 from fopid_ros.common.managed_node import latched_qos
 from fopid_ros.common.middleware import prepare_middleware
 from fopid_ros.experiment.node import ExperimentNode, StopRequestedError, ask_for_prompt_acknowledgements
@@ -162,7 +162,7 @@ def _ros_options(given: Sequence[str]) -> list[str]:
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of the executable ``experiment``."""
     given = list(sys.argv[1:] if args is None else args)
-    options = _parser().parse_args(remove_ros_args(["experiment", *given])[1:])
+    options = parse(_parser(), given)
     console = Console(stderr=True)
     try:
         experiment = read_experiment(options.file)

@@ -20,13 +20,13 @@ from rclpy.action.client import ClientGoalHandle
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from fopid_core.errors import InputError
 from fopid_msgs.action import Autotune
 from fopid_msgs.msg import TwoDegrees
+from fopid_ros.common.arguments import parse
 from fopid_ros.common.middleware import prepare_middleware, use_profile
 
 FOUND_TIME = 10.0
@@ -59,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of the executable ``autotune``; 0 done, 2 bad input, 3 nothing that could be applied."""
     given = list(sys.argv[1:] if args is None else args)
-    options = vars(_parser().parse_args(remove_ros_args(["autotune", *given])[1:]))
+    options = vars(parse(_parser(), given))
     try:
         options["phase_margin"] = _radians(options["phase_margin"])
         prepare_middleware()
