@@ -50,8 +50,8 @@ def duration(name: str, seed: int) -> tuple[float, float]:
     try:
         made.measure()
         since = loop.history.whole_since = loop.history.newest_time("control")
-        sufficiency = Sufficiency("all", made.loop.noise, exhibit.sample_time)
-        ended = made.excite(lambda: sufficiency.look(loop.history.record(since)))
+        sufficiency = Sufficiency("all", made.loop.unrest, exhibit.sample_time)
+        ended = made.excite(lambda: sufficiency.is_over(loop.history.record(since), made.may_widen))
     except (InputError, TooLongError) as error:
         ended = str(error)
     return (math.nan if ended else loop.time - began), loop.stages[0].remaining

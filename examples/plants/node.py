@@ -6,12 +6,13 @@ With the parameter ``speed`` it is that much faster than real time, and publishe
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 
 import rclpy
 from builtin_interfaces.msg import Time
-from foreign_plants.gallery import GALLERY
+from foreign_plants.gallery import DRAWN, GALLERY, known_plants
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -55,10 +56,17 @@ class ForeignPlant(Node):
 
 def main() -> None:
     """Run until stopped."""
-    name, *seed = remove_ros_args(sys.argv)[1:]
+    parser = argparse.ArgumentParser(description="A foreign plant as a node.")
+    parser.add_argument(
+        "plant", metavar="PLANT", help=f"one of {', '.join(known_plants())}, or {DRAWN}0, {DRAWN}1, ..."
+    )
+    parser.add_argument("seed", nargs="?", type=int, default=0, help="of the sensor's noise")
+    given = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    if given.plant not in known_plants() and not given.plant.removeprefix(DRAWN).isdigit():
+        parser.error(f"plant {given.plant!r}; allowed: {', '.join(known_plants())}, or {DRAWN} and a number")
     rclpy.init(args=sys.argv)
     try:
-        rclpy.spin(ForeignPlant(name, int(seed[0]) if seed else 0))
+        rclpy.spin(ForeignPlant(given.plant, given.seed))
     except (KeyboardInterrupt, ExternalShutdownException):
         return
 

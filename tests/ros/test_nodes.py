@@ -191,7 +191,7 @@ def test_values_that_are_not_finite_never_reach_the_output(graph: Graph) -> None
 
     def counted() -> bool:
         values = {v.key: v.value for v in diagnostics[-1].status[0].values} if diagnostics else {}
-        return values.get("non-finite inputs refused") == str(states[-1].refused)
+        return values.get("other values refused") == str(states[-1].refused)
 
     graph.until(counted, "diagnostics that count them")
     assert controls

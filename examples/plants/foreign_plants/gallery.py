@@ -46,7 +46,7 @@ class Exhibit:
 
 
 class _Gallery(dict[str, Exhibit]):
-    """The plants by name; ``drawn_12`` is the twelfth of those that nobody chose."""
+    """The plants by name; ``drawn_0`` is the first of those that nobody chose."""
 
     def __missing__(self, name: str) -> Exhibit:
         if not name.startswith(DRAWN):

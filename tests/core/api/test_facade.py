@@ -102,6 +102,10 @@ def test_degrees_and_radians_ask_for_the_same() -> None:
         (lambda: fopid.margins("P1", object()), "kp, ki, kd, lam, mu"),  # type: ignore[arg-type]
         (lambda: fopid.identify(), "time, control and measurement"),
         (lambda: fopid.identify(time=[0, 1]), "control is not given"),
+        (
+            lambda: fopid.identify(time=[0], control=[0], measurement=[0], columns="a,b"),
+            "columns = 'a,b' without a file",
+        ),
         (lambda: fopid.simulate("P1", GAINS, horizon=-1.0), "horizon = -1"),
         (lambda: fopid.simulate("P1", GAINS, sample_time=0.0), "sample_time = 0"),
     ],

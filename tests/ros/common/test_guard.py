@@ -220,3 +220,9 @@ def test_a_transition_that_fails_is_answered_and_counted(bench: Bench) -> None:
     assert not bench.call(ChangeState, "faulty/change_state", request).success
     assert "ValueError: deactivate" in bench.faulty.guard.last
     assert bench.faulty._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED
+
+
+def test_an_error_in_what_follows_an_error_does_not_end_the_node_either() -> None:
+    guard = Guard([].append)
+    assert guard.wrap("tick", lambda: 1 / 0, otherwise=lambda: [][1])() is None
+    assert (guard.count, guard.last) == (2, "what follows an error of tick: IndexError: list index out of range")

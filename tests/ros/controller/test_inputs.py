@@ -378,3 +378,41 @@ def test_in_real_time_every_input_refuses_a_stamp_ahead() -> None:
         arrived(message(7.0, 49.0))
         assert heard.counts.stamps_ahead == list(heard.node.topics).index(topic) + 1
     assert {one.value for one in (heard.inputs.setpoint, heard.inputs.feedforward, heard.inputs.manual)} == {7.0}
+
+
+def test_what_waits_for_a_run_that_has_ended_is_forgotten_and_the_rest_comes_by_its_stamps(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Without that a setpoint of the former run came at 60 s of the new one, and held all others up until then."""
+    monkeypatch.setattr("fopid_ros.controller.inputs.take_pending_messages", lambda _: None)
+    heard = Heard(trigger="lockstep")
+    heard.inputs.listen(tracking=False, scheduling=False)
+    heard.inputs.take_due(10 * S)
+    heard.node.topics["setpoint"](message(9.0, 60.0))
+    heard.inputs.take_due(0)  # the plant has begun anew
+    for value, stamp in ((2.0, 2.0), (1.0, 1.0)):
+        heard.node.topics["setpoint"](message(value, stamp))
+    seen = []
+    for second in (1, 2, 61):
+        heard.inputs.take_due(second * S)
+        seen.append(heard.inputs.setpoint.value)
+    assert seen == [1.0, 2.0, 2.0]
+
+
+def test_more_values_ahead_than_can_wait_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fopid_ros.common.pending_values.MOST", 3)
+    heard = Heard(trigger="lockstep")
+    heard.inputs.listen(tracking=False, scheduling=False)
+    for stamp in range(1, 6):
+        heard.node.topics["setpoint"](message(1.0, float(stamp)))
+    assert heard.inputs.setpoint.refused == 2
+
+
+def test_a_sample_that_is_older_stays_refused_when_it_comes_again() -> None:
+    heard = Heard()
+    heard.at(50.0)
+    for value, stamp in ((1.0, 49.0), (-99.0, 48.0), (-99.0, 48.0), (-99.0, 48.0)):
+        heard.inputs.take_measurement(message(value, stamp))
+    assert heard.inputs.measurement.value == 1.0
+    heard.inputs.take_measurement(message(3.0, 48.5))  # after older ones the next newer one counts
+    assert heard.inputs.measurement.value == 3.0

@@ -8,6 +8,7 @@ import json
 import os
 import random
 import signal
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -261,3 +262,45 @@ def test_no_file_outside_the_directory_is_written(graph: Graph, tmp_path: Path) 
     answer = graph.call(Trigger, f"{NAME}/save_gains")
     assert (answer.success, answer.message) == (True, "here.yaml")
     assert "kp" in (tmp_path / "here.yaml").read_text()
+
+
+def test_a_design_is_kept_with_the_pace_it_needs_and_taken_back_with_it(graph: Graph, tmp_path: Path) -> None:
+    """Gains that are only good behind a held pace ran "verified" without it after a restart."""
+    pace = {"control_rate_max": 0.5, "setpoint_rate_max": 0.4, "deadband": 0.01}
+    first = start(graph, tmp_path, trial_timeout=1.0)
+    assert graph.set(NAME, kp=4.0, **pace, gains__status="verified", gains__origin="x").successful
+    assert graph.set(NAME, kp=7.0, control_rate_max=0.1, deadband=0.5, gains__status="trial").successful
+    graph.until(lambda: graph.get(NAME, "kp") == [4.0], "the gains from before the trial")
+    assert graph.get(NAME, *pace) == [0.5, 0.4, 0.01]
+    graph.until(lambda: Retainer(tmp_path, NODE).read().gains["kp"] == 4.0, "the file")
+    os.kill(first.pid, signal.SIGKILL)
+    start(graph, tmp_path, setpoint_rate_max=0.2)  # of a new actuator: the lower limit holds
+    graph.await_restarted(NAME)
+    assert graph.get(NAME, "kp", "gains.status", *pace) == [4.0, "verified", 0.5, 0.2, 0.01]
+
+
+def test_a_write_that_failed_stays_told_while_the_one_before_reaches_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow, full = threading.Event(), OSError(28, "No space left on device")
+    sync = os.fsync
+    monkeypatch.setattr("os.fsync", lambda descriptor: (slow.wait(30), sync(descriptor)))
+    retainer = Retainer(tmp_path, NODE)
+    retainer.keep(kept(kp=1.0))
+    write = Path.write_bytes
+
+    def fail(path: Path, data: bytes) -> int:
+        write(path, data[:10])
+        raise full
+
+    monkeypatch.setattr(Path, "write_bytes", fail)
+    retainer.keep(kept(kp=2.0))
+    deadline = time.monotonic() + 30
+    while retainer.trouble == "being written" and time.monotonic() < deadline:
+        time.sleep(0.005)
+    slow.set()
+    while not (tmp_path / file_name(NODE)).exists() and time.monotonic() < deadline:
+        time.sleep(0.005)
+    time.sleep(0.1)
+    assert retainer.trouble == "No space left on device"
+    assert [path.name for path in tmp_path.iterdir()] == [file_name(NODE)]

@@ -152,6 +152,15 @@ def test_a_trial_is_told_as_one_and_what_it_came_to() -> None:
     assert [one["present"] for one in history.told()] == [True, False, False, False]
 
 
+def test_gains_that_are_held_back_later_are_the_same_gains_and_come_back_held() -> None:
+    history = GainHistory()
+    for pace in (math.inf, 0.5):
+        history.record({"kp": 1.0, "gains.status": "verified", "control_rate_max": pace})
+    history.record({"kp": 2.0, "gains.status": "set", "control_rate_max": math.inf})
+    assert history.previous.parameters["control_rate_max"] == 0.5
+    assert len(history.sets) == 2
+
+
 @pytest.mark.parametrize(("seconds", "is_there"), [(0.0, True), (60.0, False)])
 def test_an_answer_that_does_not_come_is_not_waited_for(seconds: float, is_there: bool) -> None:
     with pytest.raises(RefusedError, match=r"^/fopid_tuner does not answer$"):

@@ -125,6 +125,8 @@ def test_an_unknown_plant_is_learnt_tuned_and_handed_over(loops: Any) -> None:
     told = loop.graph.listen(TuningResult, "fopid_tuner/result", latched_qos())
     loop.graph.until(lambda: told, "the result")
     assert told[0].applied
+    (used,) = [one for one in result.proposals if one.gains == result.gains]
+    assert told[0].two_degrees == used.two_degrees
     loop.until_at_rest()
 
 

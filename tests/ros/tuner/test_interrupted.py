@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import time
@@ -190,7 +191,8 @@ def test_no_request_ends_the_tuner(graph: Graph) -> None:
     for fields in ODD_REQUESTS:
         request = Tune.Request(**{"phase_margin": 1.0, "crossover": 0.3, **fields})
         answer = graph.call(Tune, f"{TUNER}/tune", request)
-        assert answer.success or answer.message, fields
+        gains = [getattr(answer.gains, name) for name in ("kp", "ki", "kd", "lam", "mu")]
+        assert all(map(math.isfinite, gains)) if answer.success else answer.message, fields
         assert tuner.returncode is None, fields
     assert not graph.call(Reduce, f"{TUNER}/reduce", Reduce.Request(process="s/(s+1)", template_name="x")).success
     assert not graph.call(Identify, f"{TUNER}/identify", Identify.Request(duration=-1e308)).success

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -118,9 +118,13 @@ def identify(
         ``foptd``, ``soptd``, ``nioptd1``, ``nioptd2``, ``rational:N/M`` or ``all``.
     control_before : float, optional
         The control at which the process rested before the record, where that is known.
-
     columns : str, optional
         Of a csv file: ``PV,OP[,SP[,TIME]]``, names or numbers of its columns.
+
+    Raises
+    ------
+    InputError
+        If they cannot be read, or an argument says nothing of what was given.
 
     Examples
     --------
@@ -136,6 +140,8 @@ def identify(
     signals = (time, control, measurement)
     if (record is None) == all(signal is None for signal in signals):
         raise InputError("a record and signals, or neither; allowed: a record, or time, control and measurement")
+    if columns is not None and (record is None or isinstance(record, Signals)):
+        raise InputError(f"columns = {columns!r} without a file; allowed: with a csv file")
     if record is None:
         missing = [name for name, signal in zip(("time", "control", "measurement"), signals, strict=True)
                    if signal is None]  # fmt: skip
@@ -143,7 +149,7 @@ def identify(
             raise InputError(f"{missing[0]} is not given; allowed: time, control and measurement")
         found = Signals(*signals, control_before=control_before)  # type: ignore[arg-type]
     elif isinstance(record, Signals):
-        found = record
+        found = record if control_before is None else replace(record, control_before=control_before)
     else:
         from fopid_core.study.records import read_record
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,8 +49,6 @@ if TYPE_CHECKING:
     from fopid_core.model.evaluation import Method, StepMeasures
     from fopid_core.model.margins import Margins
     from fopid_core.model.response import Source
-
-Verb = Callable[..., Any]
 
 
 class OneLineErrors(Verbs):

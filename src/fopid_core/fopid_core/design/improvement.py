@@ -86,6 +86,8 @@ class Candidate:
         Why it may not be used; empty when it may.
     score : float
         Beside what runs: the less the better.
+    pace : Pace
+        That the controller is to be held to with it, where the actuator is slow.
     """
 
     name: str
@@ -93,6 +95,7 @@ class Candidate:
     worth: LoopWorth | None
     refusal: str
     score: float = math.inf
+    pace: Pace = UNPACED
 
 
 @dataclass(frozen=True)
@@ -193,7 +196,10 @@ def improve(
     best = judge.best if compare or asked is None else asked
     if best is not None and compare:
         best = best[0], trial.calmed(best[1]), best[2]
-    candidates = _one_of_each(trial.made, best[1] if best else None)
+    candidates = tuple(
+        replace(one, pace=_pace(flawed, judge, one.tuned)) if not one.refusal else one
+        for one in _one_of_each(trial.made, best[1] if best else None)
+    )
     if best is None:
         first = trial.made[0]
         told = f"{first.refusal}; none of {len(trial.made)} designs is better than what runs"
@@ -202,8 +208,13 @@ def improve(
     parts = [tuned.message, judge.told(tuned, wanted.rule or wanted.method)]
     unseen = bool(_box(identified, judge))
     parts += [UNSEEN_END] * unseen + [RUNS_AWAY] * identified.best.structure.runs_away
-    pace = flawed.pace(loop_of(judge.process, tuned.tuning)) if flawed and tuned.tuning else UNPACED
-    return Improvement(True, "; ".join(parts), tuned, candidates, unseen and compare, judge.noise_gain_aim, pace)
+    held_back, pace = unseen and compare, candidates[0].pace
+    return Improvement(True, "; ".join(parts), tuned, candidates, held_back, judge.noise_gain_aim, pace)
+
+
+def _pace(flawed: FlawTrial | None, judge: LoopJudge, tuned: RobustTuning) -> Pace:
+    """That the controller is to be held to with a design."""
+    return flawed.pace(loop_of(judge.process, tuned.tuning)) if flawed and tuned.tuning else UNPACED
 
 
 def _flaw_trial(identified: IdentificationResult, judge: LoopJudge) -> FlawTrial | None:

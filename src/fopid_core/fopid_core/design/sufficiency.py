@@ -70,6 +70,10 @@ class Sufficiency:
         """Whether so many looks in a row have shown no process that no more is expected."""
         return self._failed >= IN_VAIN
 
+    def is_over(self, record: Record, may_widen: bool) -> bool:
+        """Whether the record says enough, or nothing will in moves as small as these, where these may be larger."""
+        return self.look(record) or (self.is_vain and may_widen)
+
     def look(self, record: Record) -> bool:
         """Whether the record says enough; each look is at a longer one than the look before."""
         self._closely = self._closely or self._failed >= CLOSER

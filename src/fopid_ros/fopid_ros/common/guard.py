@@ -99,7 +99,11 @@ class Guard:
                 return callback(*arguments, **named)
             except Exception as error:  # noqa: BLE001  (this is the one place for what was not foreseen)
                 self.note(what, error)
+            try:
                 return otherwise()
+            except Exception as error:  # noqa: BLE001
+                self.note(f"what follows an error of {what}", error)
+                return None
 
         return guarded
 

@@ -49,5 +49,5 @@ class MessageTypes:
                 )
         for text in set(told) - self._known:
             self._node.get_logger().warning(text)
-        self._known |= set(told)
+        self._known = set(told)
         return told

@@ -152,7 +152,7 @@ class SignalType:
             if isinstance(step, str):
                 owners.append(getattr(owner, step))
                 continue
-            index = self._index(step, owners) if isinstance(step, Named) else step
+            index = self._index(owners) if isinstance(step, Named) else step
             if index is None or index >= len(owner):
                 named = f", where {step.name!r} is number {index}" if isinstance(step, Named) else ""
                 short = f"{len(owner)} elements in {self.field!r}{named}; allowed: {(index or 0) + 1} and more"
@@ -161,7 +161,7 @@ class SignalType:
             owners.append(owner[index])
         return float(owners[-1])
 
-    def _index(self, step: Named, owners: list[Any]) -> int | None:
+    def _index(self, owners: list[Any]) -> int | None:
         """Where a named element stands in this message."""
         source = self._names[len(owners) - 1]
         if source.depth is None:

@@ -9,7 +9,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any
 
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.task import Future
@@ -24,19 +24,6 @@ START_LIMIT = 120.0
 """A process whose nodes do not stand after so long [s] is ended outright: the transport may wait for ever, deaf to
 signals, for shared memory whose maker was killed while he made it."""
 CLOCK_WATCH_PERIOD = 0.1  # how often the system clock is looked at, and by how much it may be set back unseen [s]
-
-
-class Spun(Protocol):
-    """What is spun: a node."""
-
-    def cancel_work(self, why: str) -> bool:
-        """Tell work in other threads to end."""
-
-    def finish(self) -> None:
-        """Wait for it."""
-
-    def restart_timers(self) -> None:
-        """Let all timers begin anew."""
 
 
 class StopSignal:

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from fopid_core.errors import InputError
+from fopid_ros.common.design_parameters import DESIGN, PROVENANCE
 from fopid_ros.common.managed_node import ManagedNode
-from fopid_ros.controller.retained import BASIS, DESIGN, PROVENANCE, Retained, Retainer, with_provenance
+from fopid_ros.controller.retained import BASIS, Retained, Retainer, with_provenance
 
 NEEDED = (*DESIGN, *BASIS, *PROVENANCE, "directory", "retain", "trial_timeout")
 """The parameters of a controller that its memory reads."""
@@ -62,6 +63,7 @@ class GainMemory:
                 return {}
             if kept.basis != given.basis:
                 raise InputError(f"they are for {_listed(kept.basis)}; now it is {_listed(given.basis)}")
+            kept = kept.no_faster_than(given)
             check({**self._node.values(), **self._called(kept.parameters)})
         except InputError as error:
             self._node.get_logger().error(

@@ -1,4 +1,4 @@
-"""What the controller hears: five inputs that are checked, refused when they cannot be right, and grow old."""
+"""What the controller hears: six inputs that are checked, refused when they cannot be right, and grow old."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 from rclpy.subscription import Subscription
 
+from fopid_core.errors import InputError
 from fopid_ros.common.diagnostics import TickCounts
 from fopid_ros.common.inputs import Input
 from fopid_ros.common.managed_node import ManagedNode, loop_qos, take_pending_messages
@@ -125,7 +126,11 @@ class LoopInputs:
 
         def arrived(message: Any) -> None:
             value, stamp = kind.read(message), kind.stamp_ns(message)
-            if lockstep and ahead.defer(stamp, value):
+            try:
+                if lockstep and ahead.defer(stamp, value):
+                    return
+            except InputError as error:
+                self.refuse_message(one.name, f"{one.name}: {error}")
                 return
             if lockstep or not self._comes_from_the_future(one, stamp):
                 self.take(one, value, self._now())
@@ -153,6 +158,8 @@ class LoopInputs:
 
     def take_due(self, stamp_ns: int) -> None:
         """In lockstep: everything that counts from this sample on."""
+        for _, ahead in self._pending:
+            ahead.begin_anew(stamp_ns)
         for subscription in self._subscriptions:
             take_pending_messages(subscription)
         for one, ahead in self._pending:

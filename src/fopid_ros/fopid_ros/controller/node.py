@@ -316,7 +316,7 @@ class ControllerNode(TickingNode):
             "mode": self._controller.state.mode,
             "ticks": counts.ticks, "overruns": counts.late_ticks, "stale ticks": counts.stale_ticks,
             **self._inputs.facts(now),
-            "non-finite inputs refused": counts.refused_values - counts.stamps_ahead,
+            "other values refused": counts.refused_values - counts.stamps_ahead,
             "stamps ahead of this clock refused": counts.stamps_ahead,
             "time ran backwards": counts.backward_time_jumps,
             "share of saturated ticks": counts.saturated_ticks / max(1, counts.ticks),

@@ -11,6 +11,7 @@ from fopid_core.errors import InputError
 from fopid_core.model.fopid import ORDER_RANGE, Fopid
 from fopid_core.runtime.filter_bank import Band
 from fopid_core.runtime.settings import LARGEST, LOWEST, ControllerSettings
+from fopid_ros.common.design_parameters import GAINS
 from fopid_ros.common.inputs import is_number
 from fopid_ros.common.managed_node import TIMING
 from fopid_ros.common.parameters import Spec
@@ -139,7 +140,7 @@ def controller_settings(values: dict[str, Any], control_type: SignalType) -> Con
     """
     band = {edge: values[f"band.{edge}"] for edge in ("low", "high", "poles")}
     return ControllerSettings(
-        gains=Fopid(*(values[name] for name in ("kp", "ki", "kd", "lam", "mu"))),
+        gains=Fopid(*(values[name] for name in GAINS)),
         band=Band.for_sample_time(values["sample_time"], values["horizon"], **band),
         control_min=max(values["control_min"], control_type.low),
         control_max=min(values["control_max"], control_type.high),

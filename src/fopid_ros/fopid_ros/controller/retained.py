@@ -14,7 +14,7 @@ import stat
 import threading
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,26 +22,18 @@ from typing import Any
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import MeasurementFilter
+from fopid_ros.common.design_parameters import DESIGN, FILTER, GAINS, LONGEST_CERTIFICATE, LOOP, PACE, PROVENANCE
 from fopid_ros.common.parameter_file import sync_folder
 
 LARGEST_FILE = 65_536  # bytes
-LONGEST_ORIGIN, LONGEST_CERTIFICATE = 300, 20_000  # characters
+LONGEST_ORIGIN = 300  # characters
 WAIT_FOR_DISK = 0.05
 """The loop stands still no longer than this [s] until the file is written; a disk that is slower is told of."""
 
-GAINS = ("kp", "ki", "kd", "lam", "mu")
-LOOP = (*GAINS, "measurement_filter_order", "measurement_filter_time")
-"""Parameters of a design that are in the loop: what is known of one is not known of another."""
-DESIGN = (*LOOP, "setpoint_weight", "derivative_setpoint_weight")
-"""What is set together, kept together and taken back together."""
 BASIS = ("sample_time", "band.low", "band.high", "band.poles", "horizon", "derivative_filter_time")
 """Parameters that make the same design another controller."""
 WHOLE = ("band.poles", "measurement_filter_order")
 """Those of them that are whole numbers."""
-
-
-PROVENANCE = {"gains.status": "set", "gains.origin": "", "gains.certificate": ""}
-"""Parameters that say where the gains come from, and what they are when whoever sets gains does not say it."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +74,11 @@ class Retained:
         basis = {name: values[name] for name in BASIS}
         return cls(node, gains, *(values[name] for name in PROVENANCE), when, basis)
 
+    def no_faster_than(self, given: Retained) -> Retained:
+        """The same with the lower of the limits on moves: kept gains may need theirs, a new actuator its own."""
+        slower = {name: min(self.gains[name], given.gains[name]) for name in PACE}
+        return replace(self, gains={**self.gains, **slower})
+
     @property
     def parameters(self) -> dict[str, Any]:
         """Gains and provenance as parameters."""
@@ -90,13 +87,13 @@ class Retained:
     @property
     def text(self) -> str:
         """The gains as a formula."""
-        filtered = MeasurementFilter(*(self.gains[name] for name in LOOP[5:]))
+        filtered = MeasurementFilter(*(self.gains[name] for name in FILTER))
         return f"{Fopid(*(self.gains[name] for name in GAINS))}{'' if filtered.is_idle else f' behind a {filtered}'}"
 
     def __str__(self) -> str:
         """As a person reads it.
 
-        >>> design = dict(zip(DESIGN, (2.0, 0.5, 0.0, 1.0, 1.0, 0, 0.0, 1.0, 1.0)))
+        >>> design = dict(zip(DESIGN, (2.0, 0.5, 0.0, 1.0, 1.0, 0, 0.0, 1.0, 1.0, math.inf, math.inf, 0.0)))
         >>> print(Retained("/c", design, "verified", "fopid_tuner", "", "2026-01-31T12:00:00+00:00", {}))
         2 + 0.5 s^-1 + 0 s^1, verified, from 'fopid_tuner' at 2026-01-31T12:00:00+00:00
         """
@@ -247,6 +244,7 @@ class Retainer:
         self._renaming = threading.Lock()
         # Two threads, since a disk takes long to confirm, and what comes meanwhile must be written at once.
         self._writer, self._syncer = (ThreadPoolExecutor(1, f"retain-{name}") for name in ("write", "sync"))
+        self._newest = 0  # number of the newest that is to be kept
         self.trouble = ""
 
     def read(self) -> Retained | None:
@@ -269,7 +267,7 @@ class Retainer:
                 reasons.append(f"{path.name}: {error}")
             else:
                 if path == self._new:  # the process ended before the disk had confirmed it
-                    self._syncer.submit(self._sync)
+                    self._syncer.submit(self._sync, self._newest)
                 return kept
         if reasons:
             raise InputError("; ".join(reasons))
@@ -277,21 +275,28 @@ class Retainer:
 
     def keep(self, retained: Retained) -> None:
         """Write; when this returns the process may be killed, unless ``trouble`` says otherwise."""
+        self._newest += 1
         self.trouble = "being written"
-        wait([self._writer.submit(self._write, encoded(retained))], WAIT_FOR_DISK)
+        wait([self._writer.submit(self._write, encoded(retained), self._newest)], WAIT_FOR_DISK)
 
-    def _write(self, data: bytes) -> None:
+    def _tell(self, number: int, trouble: str) -> None:
+        """What became of the gains of a number, where these are the newest."""
+        if number == self._newest:
+            self.trouble = trouble
+
+    def _write(self, data: bytes, number: int) -> None:
         temporary = self._file.with_name(f".{self._file.name}.{os.getpid()}")
         try:
             temporary.write_bytes(data)
             with self._renaming:
                 temporary.replace(self._new)
         except OSError as error:
-            self.trouble = error.strerror or str(error)
+            temporary.unlink(missing_ok=True)
+            self._tell(number, error.strerror or str(error))
         else:
-            self._syncer.submit(self._sync)
+            self._syncer.submit(self._sync, number)
 
-    def _sync(self) -> None:
+    def _sync(self, number: int) -> None:
         """Have the disk confirm the new file, then let it take the place of the old one."""
         try:
             with self._new.open("rb") as file:
@@ -304,9 +309,9 @@ class Retainer:
         except FileNotFoundError:
             pass  # what this was to confirm has been replaced by what is confirmed already
         except OSError as error:
-            self.trouble = error.strerror or str(error)
+            self._tell(number, error.strerror or str(error))
             return
-        self.trouble = ""
+        self._tell(number, "")
 
 
 def _bytes_of(path: Path) -> bytes:

@@ -12,12 +12,12 @@ from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.schedule import read_schedule
 from fopid_core.runtime.scheduler import GainScheduler
 from fopid_core.runtime.settings import ControllerSettings
+from fopid_ros.common.design_parameters import GAINS
 from fopid_ros.common.inputs import Input
 from fopid_ros.common.parameters import Spec
 from fopid_ros.controller.inputs import LoopInputs
 
 _TOPIC = "scheduling_variable"
-_GAINS = ("kp", "ki", "kd", "lam", "mu")
 
 SCHEDULE_SPECS = (
     Spec("schedule_file", "", "table of gains over a measured variable (fopid schedule checks it); empty: the gains "
@@ -47,7 +47,7 @@ def listened_signals(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 def check_scheduled_gains(before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
     """Raise InputError for gains that are set while a table says what they are."""
-    for name in _GAINS if after["schedule_file"] else ():
+    for name in GAINS if after["schedule_file"] else ():
         if after[name] != before[name]:
             raise InputError(f"{name} = {after[name]}; allowed: as it is, since the gains are those of schedule_file")
 

@@ -39,7 +39,8 @@ class Stamps:
         self._node, self._counts, self._now = node, counts, time_of_stamps(node)
         self._most_ahead_ns = 0
         self._looked_ns = time.monotonic_ns()
-        self._newest: int | None = None
+        self._last: int | None = None
+        self._last_refused = False
 
     def take_settings(self, values: Mapping[str, Any]) -> None:
         """Put the tolerance in force: a tick and ``clock_skew_max``."""
@@ -47,7 +48,7 @@ class Stamps:
 
     def begin(self) -> None:
         """Forget the order of the samples before."""
-        self._newest = None
+        self._last = None
 
     def waited(self, info: Mapping[str, int] | None) -> int:
         """How long a message has waited to be read [ns], by what the transport knows of it; 0 where that is not known.
@@ -75,14 +76,19 @@ class Stamps:
         return f"{name} is stamped {ahead_ns * 1e-9:.6g} s ahead of this node's clock; {allowed}"
 
     def order(self, stamp_ns: int | None) -> Order:
-        """A measurement against the one before; after one that is older, the next newer one counts again."""
+        """A measurement against the one before; after one that is older, the next newer one counts again.
+
+        One that was refused is refused again when it comes again.
+        """
         if not stamp_ns:
             return Order.NEWER
-        before, self._newest = self._newest, stamp_ns
+        before, self._last = self._last, stamp_ns
         if before is None or stamp_ns > before:
+            self._last_refused = False
             return Order.NEWER
-        if stamp_ns == before:
+        if stamp_ns == before and not self._last_refused:
             return Order.SAME
+        self._last_refused = True
         self.warn_backwards("the measurement's stamp", "the sample is refused")
         return Order.OLDER
 

@@ -54,11 +54,11 @@ class TickingNode(RememberingNode):
 
     @abstractmethod
     def make_safe(self) -> None:
-        """Let the safe control be the last one."""
+        """Make the safe control the one that is sent next."""
 
     @abstractmethod
     def forget(self) -> None:
-        """Make what controls as new, but for gains and mode."""
+        """Reset the controller; gains and mode stay."""
 
     @abstractmethod
     def take_measurement(self, message: Any, stamp_ns: int) -> None:
@@ -181,7 +181,7 @@ class TickingNode(RememberingNode):
         self.tick(self._stamp(), now)
 
     def _fail_safe(self) -> None:
-        """A tick failed that should not: the safe control, and what controls as new for the next one."""
+        """A tick raised an error: send the safe control, and reset the controller for the next tick."""
         self.make_safe()
         stamp = self._last_tick if self._lockstep else None
         self.send_control(stamp or self.get_clock().now().nanoseconds)

@@ -10,9 +10,9 @@ from fopid_core.errors import InputError
 from fopid_core.runtime.settings import LARGEST, LOWEST
 from fopid_msgs.action import Autotune
 from fopid_msgs.srv import Tune
+from fopid_ros.common.design_parameters import DEADBAND, GAINS, PACE, TWO_DEGREES
 from fopid_ros.common.inputs import is_number
 from fopid_ros.common.parameters import shown
-from fopid_ros.dashboard.results import TWO_DEGREES
 
 TUNING_NAMES = ("process", "method", "phase_margin", "crossover", "index", "ms_max", "u_max")
 TUNER_DEFAULTS = (*TUNING_NAMES, "verify.ms_max")
@@ -21,8 +21,8 @@ TUNING_FIELDS = (*TUNING_NAMES, "phase_margin_deg", "apply")
 AUTOTUNING_FIELDS = (
     "excitation", "amplitude", "deviation_max", "duration", "template_name", "method", "phase_margin_deg", "crossover",
     "index", "ms_max", "u_max", "propose_only", "plan_only", "gains", "two_degrees", "process",
+    *PACE, DEADBAND,
 )  # fmt: skip
-GAINS = ("kp", "ki", "kd", "lam", "mu")
 
 
 def number(name: str, value: Any) -> float:

@@ -22,6 +22,7 @@ from fopid_core.errors import InputError
 from fopid_msgs.msg import FopidState, TuningResult
 from fopid_msgs.srv import Tune
 from fopid_ros.common.cdr import Layout
+from fopid_ros.common.design_parameters import DESIGN, GAINS, PROVENANCE
 from fopid_ros.common.diagnostics import diagnostic_array, diagnostic_status
 from fopid_ros.common.guard import GuardedNode
 from fopid_ros.common.managed_node import latched_qos
@@ -30,10 +31,10 @@ from fopid_ros.common.signals import SignalType, signal_specs, signal_type
 from fopid_ros.dashboard.autotuning import Autotuning
 from fopid_ros.dashboard.health import Health
 from fopid_ros.dashboard.history import History
-from fopid_ros.dashboard.inputs import GAINS, TUNER_DEFAULTS, autotuning_goal, number, text, tuning_request
+from fopid_ros.dashboard.inputs import TUNER_DEFAULTS, autotuning_goal, number, text, tuning_request
 from fopid_ros.dashboard.remote_parameters import LOOK_AGAIN, AllParameters, RefusedError, RemoteParameters, answer
 from fopid_ros.dashboard.results import tuning_told
-from fopid_ros.dashboard.undo import DESIGN, PROVENANCE, GainHistory, GainSet
+from fopid_ros.dashboard.undo import GainHistory, GainSet
 
 SUBSCRIBED = ("setpoint", "measurement", "control")
 PUBLISHED = ("setpoint", "manual_control")
@@ -311,7 +312,7 @@ class DashboardNode(GuardedNode, Node):
         if isinstance(value, (dict, type(None))):
             raise InputError(f"{shown(name)} = {shown(value)}; allowed: a number, a text, true, false, a list of texts")
         called = text("name", name)
-        if whose == "controller" and called.split(".")[0] in (*GAINS, "gains"):
+        if whose == "controller" and called != "mode":
             self._refuse_while_autotuning()
         return await self.parameters[str(whose)].set(called, value)
 

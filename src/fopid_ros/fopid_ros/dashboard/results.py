@@ -7,11 +7,9 @@ from typing import Any
 
 from fopid_msgs.action import Autotune
 from fopid_msgs.msg import Gains, IdentifiedModel, LoopMeasures, Proposal, TuningResult
+from fopid_ros.common.design_parameters import DEADBAND, GAINS, PACE, TWO_DEGREES
 
-GAINS = ("kp", "ki", "kd", "lam", "mu")
 MEASURES = ("phase_margin", "crossover", "gain_margin_db", "delay_margin", "ms", "mt")
-
-TWO_DEGREES = ("measurement_filter_order", "measurement_filter_time", "setpoint_weight", "derivative_setpoint_weight")
 
 ADVICE = {
     "": "Have a controller run in automatic mode, with gains that hold the loop, and start again.",
@@ -64,7 +62,7 @@ def proposal_told(message: Proposal) -> dict[str, Any]:
     more = {name: plain(getattr(message.two_degrees, name)) for name in TWO_DEGREES}
     return {"name": message.name, "gains": gains_told(message.gains), "two_degrees": more,
             "achieved": measures_told(message.achieved),
-            **{name: plain(getattr(message, name)) for name in numbers},
+            **{name: plain(getattr(message, name)) for name in (*numbers, *PACE, DEADBAND)},
             "accepted": message.accepted, "message": message.message}  # fmt: skip
 
 

@@ -7,12 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-GAINS = ("kp", "ki", "kd", "lam", "mu")
-DESIGN = (*GAINS, "measurement_filter_order", "measurement_filter_time", "setpoint_weight",
-          "derivative_setpoint_weight")  # fmt: skip
-"""What a tuning may change: it comes back together."""
-PROVENANCE = ("gains.status", "gains.origin", "gains.certificate")
-"""Parameters of the controller that say where its gains come from."""
+from fopid_ros.common.design_parameters import DESIGN, GAINS, LOOP, PROVENANCE, WEIGHTS
+
 MOST_SETS = 200
 """So many are kept; the last verified one is always among them."""
 
@@ -26,7 +22,7 @@ class GainSet:
     number : int
         Counts up from 1.
     design : mapping
-        The five gains, filter and setpoint weights by the names of their parameters.
+        By the names of the controller's parameters.
     status : str
         ``set``, ``trial`` or ``verified``; empty where the controller does not say.
     origin : str
@@ -128,9 +124,10 @@ class GainHistory:
             return
         status, origin, certificate = (str(values.get(name, "")) for name in PROVENANCE)
         now = self.present
-        if now is not None and now.design == design:
+        if now is not None and all(now.design.get(name) == design.get(name) for name in (*LOOP, *WEIGHTS)):
             ended = "kept" if now.status == "trial" and status == "verified" else now.ended
-            self.sets[-1] = replace(now, status=status, origin=origin, certificate=certificate, ended=ended)
+            told = {"status": status, "origin": origin, "certificate": certificate}
+            self.sets[-1] = replace(now, design=design, ended=ended, **told)  # held back now, or no more
             return
         if now is not None and now.status == "trial":
             self.sets[-1] = replace(now, ended="taken back")

@@ -18,6 +18,7 @@ from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
+from fopid_core.errors import InputError
 from fopid_core.model.process import read_process
 from fopid_core.runtime.convolved_plant import AnyPlant, plant_of
 from fopid_core.runtime.plant import PlantSettings
@@ -154,11 +155,19 @@ class PlantSimulator(ManagedNode):
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._stand_still()
+        return super().on_deactivate(state)
+
+    def _release(self) -> None:
+        self._stand_still()
+        super()._release()
+
+    def _stand_still(self) -> None:
+        """Simulate no more, and tell who waits for it."""
         if self.timer is not None:
             self.destroy_timer(self.timer)
             self.timer = None
         self._advances.answer(self.time, -math.inf, "the plant was deactivated")
-        return super().on_deactivate(state)
 
     # Lockstep: y_k is answered by u_k, stamped alike; the answer makes y_(k+1).
 
@@ -180,7 +189,7 @@ class PlantSimulator(ManagedNode):
 
     def _step_lockstep(self, stamp_ns: int | None) -> None:
         current = self._sample * self._period_ns
-        if not self._gate_open or (stamp_ns is not None and stamp_ns != current):
+        if self.timer is None or not self._gate_open or (stamp_ns is not None and stamp_ns != current):
             return
         take_pending_messages(self._disturbances)
         for value in self._pending.due(current):
@@ -245,8 +254,16 @@ class PlantSimulator(ManagedNode):
         value = self._disturbance_type.read(message)
         if not math.isfinite(value):
             self.refuse_message("disturbance", f"disturbance = {value}; allowed: finite numbers")
-        elif not (self._lockstep and self._pending.defer(self._disturbance_type.stamp_ns(message), value)):
+        elif not (self._lockstep and self._is_for_later(self._disturbance_type.stamp_ns(message), value)):
             self._disturbance = value
+
+    def _is_for_later(self, stamp_ns: int | None, value: float) -> bool:
+        """Whether a disturbance waits for its time, or is refused since too many do."""
+        try:
+            return self._pending.defer(stamp_ns, value)
+        except InputError as error:
+            self.refuse_message("disturbance", f"disturbance: {error}")
+            return True
 
     def refuse_message(self, topic: str, told: str) -> None:
         self._refused += 1

@@ -25,8 +25,9 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from fopid_core.errors import InputError
 from fopid_msgs.action import Autotune
-from fopid_msgs.msg import TwoDegrees
+from fopid_msgs.msg import Proposal
 from fopid_ros.common.arguments import parse
+from fopid_ros.common.design_parameters import DEADBAND, PACE
 from fopid_ros.common.middleware import prepare_middleware, use_profile
 
 FOUND_TIME = 10.0
@@ -202,17 +203,20 @@ def _show(result: Autotune.Result) -> None:
               f"mu {gains.mu:.6g}  ({state})")  # fmt: skip
         for proposal in result.proposals:
             if proposal.gains == gains:
-                print("\n".join(_with_them(proposal.two_degrees)))
+                print("\n".join(_with_them(proposal)))
                 break
 
 
-def _with_them(two: TwoDegrees) -> list[str]:
+def _with_them(proposal: Proposal) -> list[str]:
     """What belongs to gains, under the names of the controller's parameters."""
+    two = proposal.two_degrees
     order, filtered = two.measurement_filter_order, two.measurement_filter_time
     lines = [f"with      measurement_filter_order {order}  measurement_filter_time {filtered:.6g}"]
     weights = two.setpoint_weight, two.derivative_setpoint_weight
     if all(math.isfinite(weight) for weight in weights):
         lines.append("          setpoint_weight {:.6g}  derivative_setpoint_weight {:.6g}".format(*weights))
+    held = [f"{name} {most:.6g}" for name in (*PACE, DEADBAND) if (most := getattr(proposal, name))]
+    lines += [f"          {'  '.join(held)}"] if held else []
     return lines
 
 

@@ -16,19 +16,13 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter, SetpointWeights
 from fopid_core.runtime.settings import Pace
 from fopid_ros.common.background import Background
+from fopid_ros.common.design_parameters import DEADBAND, FILTER, GAINS, LONGEST_CERTIFICATE, PACE, WEIGHTS
 
-GAINS = ("kp", "ki", "kd", "lam", "mu")
-FILTER = ("measurement_filter_order", "measurement_filter_time")
-WEIGHTS = ("setpoint_weight", "derivative_setpoint_weight")
-PACE = ("control_rate_max", "setpoint_rate_max")
-DEADBAND = "deadband"
 OF_ALL_JOINTS = ("sample_time", "mode")
 """Parameters of a controller of many joints that are not each joint's own."""
 ANSWER_TIME = 3.0
 """How long the controller may take to answer [s]."""
 LOOK_AGAIN = 0.05  # [s]
-LONGEST_CERTIFICATE = 20_000
-"""Characters that a controller keeps; a longer proof is not handed over, the gains are."""
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,14 @@ from fopid_core.model.margins import margins
 from fopid_core.model.process import TEST_BENCH, Process
 from fopid_core.model.stability import stability
 from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter, SetpointWeights
+from fopid_core.runtime.settings import LARGEST, UNPACED, Pace
 from fopid_msgs.action import Autotune
 from fopid_msgs.msg import ComparisonRow, Gains, LoopMeasures, Proposal, TwoDegrees
 from fopid_msgs.msg import IdentifiedModel as IdentifiedModelMessage
 from fopid_msgs.srv import Compare, Tune
+from fopid_ros.common.design_parameters import DEADBAND, GAINS, PACE
 from fopid_ros.common.inputs import is_number
-from fopid_ros.tuner.controller_client import GAINS, RunningDesign
+from fopid_ros.tuner.controller_client import RunningDesign
 
 if TYPE_CHECKING:  # loaded by the first request that learns, since they need scipy
     from fopid_core.design.comparison.compare import Comparison
@@ -113,12 +115,12 @@ def trial_of(goal: Autotune.Goal, defaults: dict[str, Any]) -> Trial | None:
     if not all(map(is_number, numbers)):
         raise InputError(f"gains = {numbers}; allowed: finite numbers")
     gains = Fopid(*numbers)
-    design = RunningDesign(gains)
+    design = RunningDesign(gains, pace=_pace_of(goal), deadband=goal.deadband or None)
     if goal.two_degrees_given:
         asked = goal.two_degrees
-        design = RunningDesign(
-            gains, MeasurementFilter(asked.measurement_filter_order, asked.measurement_filter_time),
-            SetpointWeights(asked.setpoint_weight, asked.derivative_setpoint_weight),
+        design = replace(
+            design, filter=MeasurementFilter(asked.measurement_filter_order, asked.measurement_filter_time),
+            weights=SetpointWeights(asked.setpoint_weight, asked.derivative_setpoint_weight),
         )  # fmt: skip
     loop = Loop(process_of(goal.process or defaults["process"]), gains, design.filter)
     verdict = stability(loop)
@@ -132,13 +134,22 @@ def trial_of(goal: Autotune.Goal, defaults: dict[str, Any]) -> Trial | None:
     return Trial(design, 2.0 / found.crossover)
 
 
+def _pace_of(goal: Autotune.Goal) -> Pace | None:
+    """How fast control and setpoint may move with the gains of a goal; None for as it is."""
+    for name in (*PACE, DEADBAND):
+        if not 0.0 <= getattr(goal, name) <= LARGEST:
+            raise InputError(f"{name} = {getattr(goal, name)}; allowed: 0 for as it is, or above 0, up to {LARGEST:g}")
+    pace = Pace(*(getattr(goal, name) or math.inf for name in PACE))
+    return None if pace == UNPACED else pace
+
+
 def criteria(tuning: TuningRequest, defaults: dict[str, Any], compare: bool = False) -> AcceptanceCriteria:
     """What gains for a learnt process must fulfil, by the node's parameters; whether methods are compared."""
     from fopid_core.design.robust_verification import RobustLimits
     from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria
 
     limits = RobustLimits(defaults["verify.worst_ms_max"], defaults["verify.worst_phase_margin"])
-    # What is verified on all that a record leaves possible has neither a filter nor setpoint weights.
+    # Adaptation designs without filter and weights; a comparison of methods chooses both.
     plain = replace(tuning, filter_order=0, two_degrees=False)
     return AcceptanceCriteria(
         plain, limits, defaults["verify.ticks"], defaults["verify.certify"], compare, defaults["verify.noise_share"],
@@ -273,14 +284,17 @@ def identified_message(model: IdentifiedModel) -> IdentifiedModelMessage:
     )  # fmt: skip
 
 
-def proposal_message(candidate: Candidate) -> Proposal:
-    """What one method found, for others."""
+def proposal_message(candidate: Candidate, deadband: float = 0.0) -> Proposal:
+    """What one method found, for others; and the errors that are to count as none with it."""
     message, tuned, worth = nothing_known(Proposal()), candidate.tuned, candidate.worth
     message.name, message.accepted, message.message = candidate.name, not candidate.refusal, candidate.refusal
     if tuned.tuning is not None and tuned.tuning.controller is not None:
         fill_gains(message.gains, tuned.tuning.controller)
         fill_two_degrees(message.two_degrees, tuned.tuning.filter, tuned.tuning.weights)
         fill_measures(message.achieved, tuned.tuning)
+    for name, most in zip(PACE, (candidate.pace.control, candidate.pace.setpoint), strict=True):
+        setattr(message, name, most if math.isfinite(most) else 0.0)
+    message.deadband = deadband
     if tuned.robustness is not None:
         message.worst_ms = tuned.robustness.ms
     if worth is not None:
@@ -296,7 +310,8 @@ def fill_autotune_result(message: Autotune.Result, outcome: Outcome) -> None:
         message.model = identified_message(outcome.model)
     models = sorted(outcome.models, key=lambda model: (model is not outcome.model, -model.fit_pct))
     message.models = [identified_message(model) for model in models]
-    message.proposals = [proposal_message(one) for one in outcome.candidates if one.worth is not None]
+    known = [one for one in outcome.candidates if one.worth is not None]
+    message.proposals = [proposal_message(one, outcome.deadband) for one in known]
     if outcome.previous is not None:
         fill_previous(message, outcome.previous)
     if outcome.tuned is None or outcome.tuned.tuning is None:

@@ -56,7 +56,7 @@ if TYPE_CHECKING:  # what learns needs scipy: it is loaded by the first request,
     from fopid_core.design.identification.identified_model import IdentifiedModel
     from fopid_core.design.specification import TuningResult
     from fopid_ros.tuner.learning.adaptation import Adaptation
-    from fopid_ros.tuner.learning.gain_update import Outcome
+    from fopid_ros.tuner.learning.gain_update import Outcome, Trial
 
 PERIOD = 1.0
 """Between two questions whether a look at the loop is due [s, on a steady clock]."""
@@ -378,7 +378,7 @@ class TunerNode(ManagedNode):
         fill_autotune_result(result, outcome)
         if request.trial is not None:
             fill_gains(result.gains, request.trial.design.gains)
-        self._publish_learnt("autotune" if request.trial is None else "trial", result, outcome)
+        self._publish_learnt("autotune" if request.trial is None else "trial", result, outcome, request.trial)
         if outcome.applied and outcome.model is not None:  # what is only proposed changes nothing here
             self._adopt(outcome.model)
         elif outcome.applied and goal.request.process:
@@ -448,7 +448,9 @@ class TunerNode(ManagedNode):
             fill_previous(message, applied.previous)
         self._publish(message)
 
-    def _publish_learnt(self, method: str, result: Autotune.Result, outcome: Outcome) -> None:
+    def _publish_learnt(
+        self, method: str, result: Autotune.Result, outcome: Outcome, trial: Trial | None = None
+    ) -> None:
         tuning = outcome.tuned.tuning if outcome.tuned else None
         message = nothing_known(TuningResultMessage(
             method=f"{method} {tuning.method}" if tuning else method, process=result.model.process,
@@ -457,7 +459,9 @@ class TunerNode(ManagedNode):
         ))  # fmt: skip
         message.gains, message.achieved = result.gains, result.achieved
         if tuning is not None and tuning.controller is not None:
-            fill_two_degrees(message.two_degrees)
+            fill_two_degrees(message.two_degrees, tuning.filter, tuning.weights)
+        if trial is not None:
+            fill_two_degrees(message.two_degrees, trial.design.filter, trial.design.weights)
         if outcome.previous is not None:
             fill_previous(message, outcome.previous)
         self._publish(message)

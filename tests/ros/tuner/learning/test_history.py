@@ -99,3 +99,14 @@ def test_a_short_history_is_refused() -> None:
     with pytest.raises(InputError, match="record of 5 samples"):
         filled(samples=5).record()
     assert math.isnan(History(1.0).newest("control"))
+
+
+def test_a_sample_that_comes_a_little_late_is_left_out_and_the_record_stays() -> None:
+    """One late sample made an experiment's whole record go: the topic is best effort, and nothing orders it."""
+    history = History(1000.0)
+    for k in range(1000):
+        history.add("measurement", 0.01 * k, float(k))
+        history.add("control", 0.01 * k, 0.0)
+    history.add("measurement", 9.985, -99.0)
+    assert history.record().time.size == 1000
+    assert history.newest("measurement") == 999.0

@@ -11,7 +11,7 @@ from scipy.integrate import trapezoid
 
 from fopid_core.design.reduction import ReducedModel, reduce
 from fopid_core.model.process import Process, read_process
-from fopid_core.study.reproduce.facts import PrintedModel, printed_model, printed_models
+from fopid_core.study.reproduce.facts import PrintedModel, printed_model
 from fopid_core.study.reproduce.table import Cell, Column, Table
 
 _LOG_W = np.linspace(math.log(1e-6), math.log(1e6), 100_001)  # the H2 norm to five digits for all of Table 2
@@ -72,11 +72,6 @@ def model_table(rows: tuple[ModelRow, ...]) -> Table:
         "the smallest one that the template allows. a1 = 2ζωₙ and a0 = ωₙ²; delays L in s."
     )
     return Table("table1_2", "Tables 1 and 2: reduced models", note, columns, tuple(_cells(row) for row in rows))
-
-
-def model_rows() -> tuple[ModelRow, ...]:
-    """All 16."""
-    return tuple(model_row(printed) for printed in printed_models())
 
 
 def _cells(row: ModelRow) -> tuple[Cell, ...]:

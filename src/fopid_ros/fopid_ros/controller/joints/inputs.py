@@ -50,9 +50,7 @@ class JointInputs:
             self._subscriptions.append(self._listen(name, lockstep=lockstep))
         if not lockstep:
             kind = self._types["setpoint"]
-            self._kept = KeptSetpoint(
-                self._node, self._node.endpoints, kind, lambda message: self.take("setpoint", message, self._now())
-            )
+            self._kept = KeptSetpoint(self._node, self._node.endpoints, kind, self._take_kept_setpoint)
 
     def _listen(self, name: str, *, lockstep: bool) -> Subscription:
         kind = self._types[name]
@@ -66,6 +64,10 @@ class JointInputs:
         return self._node.endpoints.subscription(
             kind.message_type, name, arrived, loop_qos(lockstep=lockstep), raw=kind.raw
         )
+
+    def _take_kept_setpoint(self, message: Any) -> None:
+        if not self._comes_from_the_future("setpoint", self._types["setpoint"].stamp_ns(message)):
+            self.take("setpoint", message, self._now())
 
     def begin(self) -> None:
         """Forget the order of the samples before."""
@@ -120,6 +122,8 @@ class JointInputs:
     def _comes_from_the_future(self, name: str, stamp_ns: int | None, waited_ns: int = 0) -> bool:
         """Whether a stamp is further ahead than a tick and the clocks' skew: it is refused and counted."""
         told = self.stamps.too_far_ahead(name, stamp_ns, waited_ns)
+        for one in self._inputs[name] if told else ():
+            one.refused += 1
         if told:
             self._refuse(told)
         return bool(told)

@@ -235,7 +235,7 @@ class JointsNode(TickingNode):
         self._contested = bool(wanted) and self._values["on_several_publishers"] == "safe"
         facts: dict[str, object] = {
             **rates, "mode": mode, "ticks": counts.ticks, "overruns": counts.late_ticks,
-            "stale ticks": counts.stale_ticks, "non-finite inputs refused": counts.refused_values - counts.stamps_ahead,
+            "stale ticks": counts.stale_ticks, "other values refused": counts.refused_values - counts.stamps_ahead,
             "stamps ahead of this clock refused": counts.stamps_ahead,
             "time ran backwards": counts.backward_time_jumps,
             "share of saturated ticks": counts.saturated_ticks / max(1, counts.ticks),

@@ -10,15 +10,14 @@ from typing import Any
 from fopid_core.errors import InputError
 from fopid_core.runtime.settings import ControllerSettings
 from fopid_ros.common.array_signals import ArraySignal, array_signal
+from fopid_ros.common.design_parameters import DESIGN, PROVENANCE
 from fopid_ros.common.parameters import Spec
 from fopid_ros.controller.parameters import SIGNALS, SPECS, controller_settings
-from fopid_ros.controller.retained import PROVENANCE, check_provenance
+from fopid_ros.controller.retained import check_provenance
 
 OF_A_JOINT = (
-    "kp", "ki", "kd", "lam", "mu", "setpoint_rate_max", "deadband", "angle_wraparound", "setpoint_weight",
-    "derivative_setpoint_weight", "derivative_filter_time", "measurement_filter_order",
-    "measurement_filter_time", "control_min", "control_max", "control_rate_max",
-    "antiwindup", "tracking_time", "bumpless", "safe_control",
+    *DESIGN, "angle_wraparound", "derivative_filter_time", "control_min", "control_max", "antiwindup",
+    "tracking_time", "bumpless", "safe_control",
 )  # fmt: skip
 OF_ALL = (
     "sample_time", "band.low", "band.high", "band.poles", "horizon", "measurement_timeout", "setpoint_timeout",

@@ -9,6 +9,7 @@ const at = (id) => document.getElementById(id);
 const PLAN_AFTER = 500;  // [ms] after the last change of a field
 const PLAN_AGAIN = 3000;  // [ms] when there was none
 const NUMBERS = ["amplitude", "deviation_max", "duration", "ms_max"];
+const HELD = ["control_rate_max", "setpoint_rate_max", "deadband"];  // of a proposal; 0 for as it is
 const LEFT = { white: "noise", not: "more than noise" };
 
 let planned = 0, wanted = null, shownResult = null, act = {}, chosen = null;
@@ -113,9 +114,10 @@ function terms(pairs) {
 }
 
 // What is asked for to try a proposal: its whole design, judged on the process it was found for.
-function trialOf({ gains, two_degrees: more }, model) {
+function trialOf({ gains, two_degrees: more, ...rest }, model) {
   const whole = more && Object.values(more).every((value) => value !== null);
-  return { gains, process: model?.process ?? "", ...(whole ? { two_degrees: more } : {}) };
+  const held = Object.fromEntries(HELD.filter((name) => rest[name]).map((name) => [name, rest[name]]));
+  return { gains, process: model?.process ?? "", ...(whole ? { two_degrees: more } : {}), ...held };
 }
 
 function showOutcome(result) {

@@ -226,9 +226,8 @@ class Autotuner:
         outcome, sufficiency = Outcome(), self._sufficiency()
 
         def is_over() -> bool:
-            """Whether enough is known, or nothing will be in moves that are as small as these, and may be larger."""
-            enough = sufficiency.look(self._behind_actuator(self._tap.history.record(began)))
-            return enough or (sufficiency.is_vain and self._experiment.may_widen)
+            heard = self._behind_actuator(self._tap.history.record(began))
+            return sufficiency.is_over(heard, self._experiment.may_widen)
 
         for _ in range(EXPERIMENTS):
             ended = self._experiment.excite(is_over)

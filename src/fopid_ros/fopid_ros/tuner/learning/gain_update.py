@@ -24,16 +24,8 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
 from fopid_core.runtime.performance_monitor import LoopPerformance, MonitorSettings, PerformanceMonitor
 from fopid_core.runtime.settings import UNPACED, AntiWindup, Pace
-from fopid_ros.tuner.controller_client import (
-    DEADBAND,
-    FILTER,
-    GAINS,
-    PACE,
-    WEIGHTS,
-    ControllerClient,
-    RunningDesign,
-    UnconfirmedError,
-)
+from fopid_ros.common.design_parameters import DEADBAND, FILTER, GAINS, PACE, WEIGHTS
+from fopid_ros.tuner.controller_client import ControllerClient, RunningDesign, UnconfirmedError
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 

@@ -16,6 +16,8 @@ EXCITATION = "excitation"
 """What an experiment adds to the control."""
 MOST = 1_000_000
 """Samples of a signal that are kept at most, 16 MB: an hour at 277 Hz."""
+LATE = 10.0
+"""So many intervals may a sample come late, of a signal that is heard as it comes."""
 
 
 class Samples:
@@ -34,6 +36,11 @@ class Samples:
         """Forget all."""
         self.times, self.values = array("d"), array("d")
         self.begin = 0
+
+    @property
+    def interval(self) -> float:
+        """Between two samples, on the average [s]; 0 where there are no two."""
+        return (self.times[-1] - self.times[self.begin]) / max(len(self) - 1, 1)
 
     def __len__(self) -> int:
         return len(self.times) - self.begin
@@ -80,10 +87,12 @@ class History:
         self._samples = {name: Samples() for name in (*SIGNALS, EXCITATION)}
 
     def add(self, signal: str, time: float, value: float) -> None:
-        """Take a sample; a time that runs backwards starts the history anew."""
+        """Take a sample; one that comes a little late is left out, a time that runs backwards begins anew."""
         with self._lock:
             samples = self._samples[signal]
             if len(samples) and time < samples.times[-1]:
+                if samples.times[-1] - time < LATE * samples.interval:
+                    return
                 for each in self._samples.values():
                     each.clear()
             samples.add(time, value)
