@@ -179,6 +179,8 @@ def on_the_clock(began: str, clock: str) -> list[str]:
         (["time,op,pv", *on_the_clock("2026-01-31 13:00:00", "%m/%d/%Y %H:%M:%S.%f")], None),
         (["time,op,pv", *on_the_clock("2026-04-03 23:59:50", "%m/%d/%Y %H:%M:%S.%f")], None),
         (["time,op,pv", *on_the_clock("2026-04-03 23:59:50", "%d/%m/%Y %H:%M:%S.%f")], None),
+        (["time [ms],op,pv", *(f"{123456000 + 1000 * t},{u},{y}" for t, u, y in ROWS)], None),
+        (["time [ns],op,pv", *(f"{5000000000 + 1e9 * t:.0f},{u},{y}" for t, u, y in ROWS)], None),
         (["Logger 7, of 3", "", "site: boiler", "time,MV,PV", *(f"{t},{u},{y}" for t, u, y in ROWS)], None),
         (["# made by hand", "Tag,TIC7.OUT,TIC7.IN", *(f"{t},{u},{y}" for t, u, y in ROWS)], "TIC7.IN,TIC7.OUT"),
     ],
@@ -203,6 +205,8 @@ def on_the_clock(began: str, clock: str) -> list[str]:
         "month first, 24 hours",
         "month or day first, over midnight",
         "day or month first, over midnight",
+        "ms since the start",
+        "ns since the start",
         "lines before the header",
         "lines before the header, tags",
     ),
@@ -227,6 +231,14 @@ def test_two_tests_with_a_weekend_between_are_not_one_of_sixty_hours(tmp_path: P
     assert found["success"]
     assert f"of {joined[0].size} samples the {one.time.size} of the longest stretch" in found["message"]
     assert read_process(found["process"]).delay == pytest.approx(8.0, abs=0.5)
+
+
+def test_one_column_is_not_both_measurement_and_control(tmp_path: Path) -> None:
+    path = tmp_path / "record.csv"
+    path.write_text("time,a,b\n0,0,0\n")
+    result = run(path, "--columns", "a,a")
+    assert result.exit_code == 2
+    assert "one column as measurement and control; allowed: two" in result.stderr
 
 
 def test_a_column_that_is_not_there_is_named(tmp_path: Path) -> None:

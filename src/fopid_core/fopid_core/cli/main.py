@@ -259,3 +259,7 @@ def benchmark_verb(quick: bool, as_json: bool) -> None:
         figures = benchmark(told, not quick)
     rows = [asdict(figure) | {"ratio": figure.ratio} for figure in figures]
     emit({"figures": rows}, [("Benchmark", {figure.name: str(figure) for figure in figures})], as_json)
+
+
+if __name__ == "__main__":
+    main()

@@ -94,7 +94,8 @@ def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
     values = {name: _column(body, name, place, comma) for name, place in places.items()}
     whole = np.logical_and.reduce([np.isfinite(column) for column in values.values()])
     values = {name: column[whole] for name, column in values.items()}
-    values["time"] = _seconds(values["time"], header[places["time"]] if headed else "time")
+    numbers = any(math.isfinite(_number(cell, comma)) for row in body for cell in row[places["time"] :][:1])
+    values["time"] = _seconds(values["time"], header[places["time"]] if headed else "time", numbers=numbers)
     return CsvSignals(values, int((~whole).sum()))
 
 
@@ -161,6 +162,8 @@ def _asked(columns: str, header: Sequence[str], path: Path) -> dict[str, int]:
         raise InputError(f"columns {columns!r}; allowed: PV,OP or PV,OP,SP or PV,OP,SP,TIME")
     places = {name: _place(given, header, path) for name, given in zip(("measurement", "control", "setpoint", "time"),
                                                                        wanted, strict=False)}  # fmt: skip
+    if places["measurement"] == places["control"]:
+        raise InputError(f"columns {columns!r}: one column as measurement and control; allowed: two")
     if "time" not in places:
         names = [_plain(name) for name in header]
         places["time"] = names.index("time") if "time" in names else 0
@@ -254,14 +257,18 @@ def _between_slashes(cells: Sequence[str]) -> Floats | None:
     return min(readings, key=lambda read: float(np.nanmax(read) - np.nanmin(read)), default=None)
 
 
-def _seconds(time: Floats, header: str) -> Floats:
-    """Times in seconds; those that count from 1970 begin at 0."""
-    unit = _split(header)[1].lower()
-    if time.size and time[0] < -_EPOCH:  # of the day only: it begins anew at midnight
-        time = time + _DAY * np.cumsum(np.diff(time, prepend=time[0]) < -0.5 * _DAY)
-    if time.size and abs(float(time[0])) >= _EPOCH:
-        factor = next((factor for least, factor in _UNITS_OF_EPOCHS if time[0] >= least), 1.0)
-        return np.asarray((time - time[0]) * factor)
+def _seconds(time: Floats, header: str, *, numbers: bool) -> Floats:
+    """Times in seconds, those far from 0 from the first on; ``numbers`` are in the unit of their header, if it has one.
+
+    Without one, such that count from 1970 tell their unit by their size.
+    """
+    if not time.size:
+        return time
+    if not numbers:  # moments; of the day only, they begin anew at midnight
+        anew = np.diff(time, prepend=time[0]) < -0.5 * _DAY
+        return np.asarray(time - time[0] + _DAY * np.cumsum(anew) * (time[0] < 0.0))
+    unit, first = _split(header)[1].lower(), float(time[0])
     if unit and unit not in SECONDS:
         raise InputError(f"time in {unit}; allowed: {', '.join(SECONDS)}, as in 'time [s]'")
-    return np.asarray(time * SECONDS.get(unit, 1.0))
+    guessed = next((factor for least, factor in _UNITS_OF_EPOCHS if first >= least), 1.0)
+    return np.asarray((time - first * (abs(first) >= _EPOCH)) * SECONDS.get(unit, guessed))

@@ -103,7 +103,7 @@ def fit(response: RecordResponse, start: Floats, rows: Booleans, evaluations: in
         max_nfev=evaluations,
         ftol=tolerance,
         xtol=1e-9,
-        gtol=1e-12,
+        gtol=None,  # an absolute one would let the answer depend on the unit of the measurement
     )
     x = found.x
     if x[-1] < NO_DELAY * response.sample_time:

@@ -205,7 +205,7 @@ def _fitted(start: Floats, control: Floats, measurement: Floats, holds: Floats) 
 
     inside = np.maximum(start, low + 1e-6 * scale)
     found = least_squares(residual, inside, jacobian, bounds=(low, np.full(5, np.inf)), x_scale=scale,
-                          ftol=TOLERANCE, xtol=1e-6, gtol=1e-12, max_nfev=EVALUATIONS)  # fmt: skip
+                          ftol=TOLERANCE, xtol=1e-6, gtol=None, max_nfev=EVALUATIONS)  # fmt: skip
     return found.x, found.fun
 
 
