@@ -109,12 +109,11 @@ def _family(process: str, options: dict[str, Any]) -> Family:
 
 def _learnt(record: Path, region: str, confidence: float) -> Family:
     from fopid_core.design.certificate.ellipsoid import learnt_family
-    from fopid_core.design.identification.identify import identify
+    from fopid_core.design.response_verification import to_design_for
     from fopid_core.study.records import read_record
 
-    found = identify(read_record(record))
-    if not found.success or found.best is None:
-        raise InputError(f"record {str(record)!r}: {found.message}; allowed: one that a process can be learnt from")
+    found = to_design_for(read_record(record), str(record))
+    assert found.best is not None
     return learnt_family(found.best, region, confidence)
 
 

@@ -69,13 +69,12 @@ def _process(text: str | None, record: Path | None) -> Process:
         raise InputError("process and --csv; allowed: one of them")
     if text is not None:
         return read_process(text)
-    from fopid_core.design.identification.identify import identify
+    from fopid_core.design.response_verification import to_design_for
     from fopid_core.study.records import read_record
 
     assert record is not None
-    found = identify(read_record(record), "all")
-    if not found.success or found.best is None:
-        raise InputError(f"record {str(record)!r}: {found.message}")
+    found = to_design_for(read_record(record), str(record))
+    assert found.best is not None
     return found.best.process
 
 

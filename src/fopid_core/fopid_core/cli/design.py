@@ -9,7 +9,6 @@ import click
 
 from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, NewFile, as_json, design_options
 from fopid_core.cli.output import emit, write_file
-from fopid_core.errors import InputError
 
 
 @click.command("design", context_settings=ARGUMENTS)
@@ -40,16 +39,16 @@ def design_verb(
     fit, record = None, None
     if Path(source).suffix.lower() == ".csv" or columns is not None:
         from fopid_core.design.identification.frequency_response import frequency_response
-        from fopid_core.design.identification.identify import identify
+        from fopid_core.design.response_verification import doubt_of, to_design_for
         from fopid_core.study.records import read_record
 
         record = read_record(source, columns=columns)
-        found = identify(record)
-        if found.best is None or not found.success:
-            raise InputError(f"record {source!r}: {found.message}")
+        found = to_design_for(record, source)
+        assert found.best is not None
         behind = found.behind_actuator(record)
         process, fit = found.best.process, fit_figure(found.best, behind, frequency_response(behind))
-        facts = {"fit_pct": found.best.fit_pct, "template": found.best.template, "message": found.message,
+        message = "; ".join(told for told in (found.message, doubt_of(behind, found.best)) if told)
+        facts = {"fit_pct": found.best.fit_pct, "template": found.best.template, "message": message,
                  "rows_left_out": record.left_out}  # fmt: skip
         sample_time = record.sample_time if sample_time is None else sample_time
     else:

@@ -145,7 +145,9 @@ def frequency_verb(phase_margin: float | None, t_max: str | None, s_max: str | N
 @click.option("--bound", multiple=True, metavar="NAME=LOW,HIGH", help="Range of one of the five; may be repeated.")
 @click.option("--weight", multiple=True, metavar="PART=VALUE", help="Of sum, energy or zamani; may be repeated.")
 @click.option("--solver", default="gauss-newton", show_default=True, help="Or nelder-mead, differential-evolution.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The same seed gives the same answer.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="The same seed gives the same answer."
+)
 @click.option("--timeout", type=float, metavar="S", help="Give the best found after this long [s].")
 @result_options
 def time_verb(

@@ -14,6 +14,7 @@ from fopid_core.design.identification.identify import IdentificationResult, iden
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
 from fopid_core.design.identification.structure import UNSTABLE_STRUCTURES
 from fopid_core.design.sampled_loop import running
+from fopid_core.errors import InputError
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
@@ -40,6 +41,29 @@ def contradicts(response: FrequencyResponse, process: Process, share: float = SH
 def doubt_of(record: Record, learnt: IdentifiedModel) -> str:
     """How a process that was learnt from a record contradicts it; empty where it does not."""
     return contradicts(_seen(record, learnt), learnt.process)
+
+
+def to_design_for(record: Record, source: str) -> IdentificationResult:
+    """What is learnt from a record, for designs that are not held to the record itself.
+
+    Parameters
+    ----------
+    record : Record
+    source : str
+        What the record is called.
+
+    Raises
+    ------
+    InputError
+        If nothing can be learnt, or the record contradicts what was learnt throughout.
+    """
+    found = identify(record)
+    if not found.success or found.best is None:
+        raise InputError(f"record {source!r}: {found.message}; allowed: one that a process can be learnt from")
+    wrong = contradicts(_seen(found.behind_actuator(record), found.best), found.best.process, THROUGHOUT)
+    if wrong:
+        raise InputError(f"record {source!r}: {found.message}; {wrong}; allowed: one that a process explains")
+    return found
 
 
 def runs_away_instead(record: Record, learnt: IdentifiedModel, noise: float) -> IdentificationResult | None:
@@ -148,7 +172,8 @@ def held_without_a_model(
 
     At each known frequency |S| is bounded over the whole disc: 1 / (|1 + C F G| - |C F| r), with C as it is in
     continuous time and G behind the hold of the controller. From the lowest to the highest of them, 1 + C F G may not
-    go around the origin otherwise than the process's own (Nyquist). Nothing is said between the frequencies.
+    go around the origin otherwise than the process's own (Nyquist). Nothing is said between the frequencies. Where
+    the process is wrong throughout, no design may do all its work below them, of which nothing is known.
 
     Parameters
     ----------
@@ -174,12 +199,15 @@ def held_without_a_model(
     'max |S| above 2.2 at 1.24 rad/s, by what the record shows without a model'
     >>> judged("0.02/(s+1)^3")
     'unstable by what the record shows without a model'
+    >>> judged("-0.001/(s+0.001)*exp(-30s)")
+    'it works below 0.1 rad/s, where the record shows nothing without a model'
     """
     known = response.known
     w = response.frequency[known]
     held = _hold(w, sample_time or response.sample_time) / _hold(w, response.sample_time)
     seen, radius = response.response[known] * held, response.radius[known] * np.abs(held)
     learnt = response.model(process)[known] * held
+    wrong = bool(contradicts(response, process, THROUGHOUT))
 
     def judge(gains: Fopid | None, slow: MeasurementFilter) -> str:
         if gains is None:
@@ -188,6 +216,8 @@ def held_without_a_model(
         difference = np.unwrap(np.angle((1.0 + controller * seen) / (1.0 + controller * learnt)))
         if abs(difference[-1] - difference[0]) > np.pi:
             return "unstable by what the record shows without a model"
+        if wrong and np.abs(controller * learnt).max() < 1.0:
+            return f"it works below {w[0]:.3g} rad/s, where the record shows nothing without a model"
         nearest = np.abs(1.0 + controller * seen) - np.abs(controller) * radius
         worst = int(np.argmin(nearest))
         if nearest[worst] * ms_max >= 1.0:

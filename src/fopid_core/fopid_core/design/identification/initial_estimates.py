@@ -37,18 +37,22 @@ _POLISH = 12
 
 
 def initial_conditions(record: Record) -> tuple[InitialCondition, ...]:
-    """Beginnings in the order of preference: at rest, at rest at zero, after a step, not at rest."""
+    """Beginnings in the order of preference: at rest, at rest at zero, after a step, not at rest.
+
+    A process that stands still until the control first moves rested with the control that it had: that it had been
+    moved from zero just before would be a delay as long as that rest.
+    """
     first = float(record.control[0])
     moved = np.flatnonzero(record.control != first)
     if not moved.size:
         return (InitialCondition(record.control_before or 0.0),)
     if record.control_before is not None:
         return (InitialCondition(record.control_before),)
+    if _stands_still(record.measurement[: moved[0] + 1]):
+        return (InitialCondition(first),)
     at_rest = [InitialCondition(first)] if first == 0.0 else [InitialCondition(first), InitialCondition(0.0)]
     if abs(record.measurement[0]) <= _NEAR_ZERO * np.ptp(record.measurement):
         at_rest.reverse()
-    if _stands_still(record.measurement[: moved[0] + 1]):
-        return tuple(at_rest)
     return (*at_rest, InitialCondition(first, step=True), InitialCondition(first, step=True, free=True))
 
 
