@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fopid_core.design.identification.record import Record
 from fopid_core.design.recorded_tuning import NOISE_SHARE, RECORDED_SHARE, RecordedTuning, tune_recorded
 from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.specification import TuningResult
@@ -151,3 +152,27 @@ def test_a_step_at_the_very_first_sample_says_by_how_much_noise_may_move_the_con
     assert found.success, found.message
     assert found.bounds is not None
     assert found.bounds.control_from_noise == pytest.approx(RECORDED_SHARE * np.ptp(RECORD.control))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_heater_that_cools_slower_than_it_heats_gets_no_gains_of_the_wrong_sign(seed: int) -> None:
+    """A relay holds it in a swing; no linear process explains that, and what fitted best had the other sign."""
+    rng, step = np.random.default_rng(seed), 0.05
+    wall = sensor = 24.0
+    waiting, rows, sign = [30.0] * 40, [], 1.0
+    for k in range(800):
+        measured = 20.0 + sensor + 0.05 * rng.standard_normal()
+        sign = -1.0 if measured > 44.15 else 1.0 if measured < 43.85 else sign
+        control = 30.0 if k < 80 else 30.0 + 9.0 * sign
+        rows.append((control, measured))
+        for _ in range(20):
+            waiting.append(control)
+            towards = 0.8 * waiting.pop(0) - wall
+            wall, sensor = (
+                wall + step * towards / (20.0 if towards > 0.0 else 80.0),
+                sensor + step * (wall - sensor) / 6.0,
+            )
+    control, measured = np.array(rows).T
+    found = tune_recorded(Record(np.arange(800.0), control, measured), "time", {"structure": "pid"})
+    gains = found.tuned.tuning.controller if found.success and found.tuned and found.tuned.tuning else None
+    assert gains is None or gains.kp > 0.0

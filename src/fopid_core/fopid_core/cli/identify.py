@@ -50,6 +50,7 @@ def identify_verb(
     from fopid_core.design.identification.frequency_response import frequency_response
     from fopid_core.design.identification.identify import identify
     from fopid_core.design.identification.noise import sensor_noise
+    from fopid_core.design.recorded_law import contradicts_law
     from fopid_core.design.response_verification import doubt_of
     from fopid_core.study.records import read_record
 
@@ -66,6 +67,8 @@ def identify_verb(
     models = [_rows(model) for model in found.models]
     best = found.best
     doubt = doubt_of(behind, best) if found.success and best else ""
+    if found.success and best and not doubt and not found.flaws.come_before:
+        doubt = contradicts_law(signals, best.process)
     verdict = {
         "success": found.success,
         "message": "; ".join(told for told in (found.message, doubt) if told),

@@ -15,6 +15,7 @@ from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
 from fopid_core.design.identification.record import Record
 from fopid_core.design.loop_worth import noise_gain
+from fopid_core.design.recorded_law import contradicts_law
 from fopid_core.design.response_verification import held_to_record, no_objection, runs_away_instead
 from fopid_core.design.robust_verification import RobustLimits, RobustTuning, tune_robustly
 from fopid_core.design.specification import Clock, TuningRequest, TuningResult
@@ -223,6 +224,10 @@ def tune_recorded(
     best = identified.best
     if not identified.success or best is None:
         return RecordedTuning(False, identified.message, identified, noise)
+    against = contradicts_law(record, best.process) if judges and not identified.flaws.come_before else ""
+    if against:
+        advice = "tell control and setpoint as they were, or record without a load"
+        return RecordedTuning(False, f"{identified.message}; {against}; {advice}", identified, noise)
     bounds = recorded_bounds(record, best.process, noise, given.get("sample_time", record.sample_time), best.noise)
     own = bounds.options(method)
     if "noise_max" in given:

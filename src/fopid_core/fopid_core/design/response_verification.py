@@ -13,6 +13,7 @@ from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
 from fopid_core.design.identification.structure import UNSTABLE_STRUCTURES
+from fopid_core.design.recorded_law import contradicts_law
 from fopid_core.design.sampled_loop import running
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Complexes, Floats
@@ -61,6 +62,7 @@ def to_design_for(record: Record, source: str) -> IdentificationResult:
     if not found.success or found.best is None:
         raise InputError(f"record {source!r}: {found.message}; allowed: one that a process can be learnt from")
     wrong = contradicts(_seen(found.behind_actuator(record), found.best), found.best.process, THROUGHOUT)
+    wrong = wrong or ("" if found.flaws.come_before else contradicts_law(record, found.best.process))
     if wrong:
         raise InputError(f"record {source!r}: {found.message}; {wrong}; allowed: one that a process explains")
     return found
@@ -199,7 +201,7 @@ def held_without_a_model(
     'max |S| above 2.2 at 1.24 rad/s, by what the record shows without a model'
     >>> judged("0.02/(s+1)^3")
     'unstable by what the record shows without a model'
-    >>> judged("-0.001/(s+0.001)*exp(-30s)")
+    >>> judged("-0.3/(10s+1)*exp(-60s)")
     'it works below 0.1 rad/s, where the record shows nothing without a model'
     """
     known = response.known
@@ -216,7 +218,7 @@ def held_without_a_model(
         difference = np.unwrap(np.angle((1.0 + controller * seen) / (1.0 + controller * learnt)))
         if abs(difference[-1] - difference[0]) > np.pi:
             return "unstable by what the record shows without a model"
-        if wrong and np.abs(controller * learnt).max() < 1.0:
+        if wrong and np.abs(controller * seen).max() < 1.0:
             return f"it works below {w[0]:.3g} rad/s, where the record shows nothing without a model"
         nearest = np.abs(1.0 + controller * seen) - np.abs(controller) * radius
         worst = int(np.argmin(nearest))

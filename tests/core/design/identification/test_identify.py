@@ -126,6 +126,22 @@ def test_a_record_that_begins_in_the_middle_of_a_transient_is_learnt(first: floa
     assert abs(phase) < 3.0
 
 
+@pytest.mark.parametrize("control", [1.0, 10.0, 40.0])
+def test_a_rest_before_the_one_step_is_a_rest_wherever_the_control_stands(control: float) -> None:
+    """A control of 40 before a step to 41 counted as a step from 0 at once, behind a delay as long as the rest."""
+    found = identified("3(20s+1)/((500s+1)(2s+1))*exp(-s)", control)
+    assert found.process.steady_state_gain == pytest.approx(3.0, rel=0.02)
+    assert found.process.delay < 10.0
+
+
+def identified(process: str, control: float) -> IdentifiedModel:
+    """From one step of 1 after a rest of 200 s at a control, with noise."""
+    seen = open_loop(process, np.arange(1200) >= 100, 2.0, 0.02)
+    best = identify(Record(seen.time, seen.control + control, seen.measurement + 50.0)).best
+    assert best is not None
+    return best
+
+
 def test_an_operating_point_away_from_zero_does_not_matter() -> None:
     record = closed_loop("P1", square_wave(1600, low=5.0), 6000, 0.01, noise=0.01, output=5.0)
     gain, phase = error_at_crossover(best(identify(record)), "P1")

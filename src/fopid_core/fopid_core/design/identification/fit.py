@@ -94,16 +94,17 @@ def fit(response: RecordResponse, start: Floats, rows: Booleans, evaluations: in
     low, high = response.structure.bounds(response.sample_time, float(response.time[-1]))
     projection = _Projection(response, rows)
     inside = np.clip(start, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
+    size = float(np.ptp(response.measurement)) or 1.0  # when to stop must not depend on the measurement's unit
     found = least_squares(
-        projection.residual,
+        lambda x: projection.residual(x) / size,
         inside,
-        projection.jacobian,
+        lambda x: projection.jacobian(x) / size,
         bounds=(low, high),
         x_scale="jac",
         max_nfev=evaluations,
         ftol=tolerance,
         xtol=1e-9,
-        gtol=None,  # an absolute one would let the answer depend on the unit of the measurement
+        gtol=1e-12,
     )
     x = found.x
     if x[-1] < NO_DELAY * response.sample_time:

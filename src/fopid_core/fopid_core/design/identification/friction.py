@@ -191,22 +191,22 @@ def _best(starts: list[Floats], control: Floats, measurement: Floats, holds: Flo
 
 def _fitted(start: Floats, control: Floats, measurement: Floats, holds: Floats) -> tuple[Floats, Floats]:
     """The numbers that explain a record best, near a start, and what they leave."""
-    inertia, size = math.exp(start[0]), start[3]
-    scale = np.array([0.3, max(start[1], 0.1 * inertia), max(start[2], 0.1 * size / np.ptp(measurement)), size, size])
+    inertia, size, spread = math.exp(start[0]), start[3], float(np.ptp(measurement))
+    scale = np.array([0.3, max(start[1], 0.1 * inertia), max(start[2], 0.1 * size / spread), size, size])
     low = np.array([-np.inf, 0.0, 0.0, 0.0, -np.inf])
 
     def residual(x: Floats) -> Floats:
-        return _residual(x[None], control, measurement, holds)[:, 0]
+        return _residual(x[None], control, measurement, holds)[:, 0] / spread
 
     def jacobian(x: Floats) -> Floats:
         nudged = np.vstack([x, x + _NUDGE * np.diag(scale)])
         seen = _residual(nudged, control, measurement, holds)
-        return np.asarray((seen[:, 1:] - seen[:, :1]) / (_NUDGE * scale))
+        return np.asarray((seen[:, 1:] - seen[:, :1]) / (_NUDGE * scale) / spread)
 
     inside = np.maximum(start, low + 1e-6 * scale)
     found = least_squares(residual, inside, jacobian, bounds=(low, np.full(5, np.inf)), x_scale=scale,
-                          ftol=TOLERANCE, xtol=1e-6, gtol=None, max_nfev=EVALUATIONS)  # fmt: skip
-    return found.x, found.fun
+                          ftol=TOLERANCE, xtol=1e-6, gtol=1e-12, max_nfev=EVALUATIONS)  # fmt: skip
+    return found.x, spread * found.fun
 
 
 def _residual(numbers: Floats, control: Floats, measurement: Floats, holds: Floats) -> Floats:

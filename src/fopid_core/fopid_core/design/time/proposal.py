@@ -153,11 +153,9 @@ def _noise_max(request: TuningRequest, usual: float, two_degrees: bool) -> float
 
 
 def _load_left_max(request: TuningRequest) -> float:
-    """Whoever asks for the setpoint alone, names the integral, or does without, has chosen how a load fades."""
+    """Whoever names the integral, or does without, has chosen how a load fades."""
     named = {*request.fixed, *request.bounds}
-    chosen = (
-        request.input == "setpoint" or "lam" in named or "ki" in {*named, *STRUCTURES[request.structure or "fopid"]}
-    )
+    chosen = "lam" in named or "ki" in {*named, *STRUCTURES[request.structure or "fopid"]}
     return math.inf if chosen else LEFT_MAX
 
 

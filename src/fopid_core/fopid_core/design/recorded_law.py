@@ -1,0 +1,98 @@
+"""The controller that ran while a record was made, as the record itself shows it: it held its loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopid_core.design.identification.record import Record
+from fopid_core.errors import InputError
+from fopid_core.model.arrays import Floats
+from fopid_core.model.process import Process
+from fopid_core.runtime.convolved_plant import plant_of
+from fopid_core.runtime.plant import PlantSettings
+
+LAGS = 4
+"""The law looks so many samples back."""
+LEFT_MAX = 0.02
+"""Of the control's moves, as standard deviations, that it may leave."""
+TIMES, MOST_SAMPLES, FAR = 5, 50_000, 100.0
+"""It would not hold a process that it drives so many times as far as the record went, in so many times as long."""
+
+
+@dataclass(frozen=True)
+class RecordedLaw:
+    """The next control, from those before and from setpoint and measurement now and before.
+
+    Attributes
+    ----------
+    own : ndarray, shape (LAGS,)
+        What it takes of the controls before, the newest first.
+    setpoint, measurement : ndarray, shape (LAGS + 1,)
+        What it takes of these, the newest first.
+    """
+
+    own: Floats
+    setpoint: Floats
+    measurement: Floats
+
+
+def recorded_law(record: Record) -> RecordedLaw | None:
+    """The law by which a record's control answers its setpoint and its measurement; None where none explains it.
+
+    Without limits, and linear: what a control that is limited, rounded or moved by hand did is not explained.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> r, y = np.repeat([0.0, 1.0, -1.0], 50), rng.standard_normal(150)
+    >>> law = recorded_law(Record(np.arange(150.0), 2.0 * (r - y) + 0.1 * np.cumsum(r - y), y, r))
+    >>> round(float(law.measurement[0]), 6)
+    -2.1
+    >>> recorded_law(Record(np.arange(150.0), rng.standard_normal(150), y, r)) is None
+    True
+    """
+    if record.setpoint is None or not np.ptp(record.setpoint) or not record.is_regular:
+        return None
+    now = np.arange(LAGS, record.time.size)[:, np.newaxis]
+    own = record.control[now - 1 - np.arange(LAGS)]
+    others = [signal[now - np.arange(LAGS + 1)] for signal in (record.setpoint, record.measurement)]
+    columns = np.hstack([own, *others])
+    matrix, target = columns - columns.mean(axis=0), record.control[LAGS:] - record.control[LAGS:].mean()
+    sizes = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    numbers = np.linalg.lstsq(matrix / sizes, target, rcond=1e-9)[0] / sizes
+    left = target - matrix @ numbers
+    if not float(np.std(left)) <= LEFT_MAX * float(np.std(np.diff(record.control))):
+        return None
+    return RecordedLaw(numbers[:LAGS], *np.split(numbers[LAGS:], 2))
+
+
+def contradicts_law(record: Record, process: Process) -> str:
+    """How a process contradicts that the controller which ran held its loop; empty where it does not, or nobody knows.
+
+    Parameters
+    ----------
+    record : Record
+    process : Process
+        Learnt from it.
+    """
+    law = recorded_law(record)
+    if law is None or record.setpoint is None:
+        return ""
+    reached = float(np.ptp(np.append(record.measurement, record.setpoint)))
+    samples = min(TIMES * record.time.size, MOST_SAMPLES)
+    try:
+        plant = plant_of(PlantSettings(process, sample_time=record.sample_time))
+    except InputError:  # its response is not known
+        return ""
+    own, answered = np.zeros(LAGS), np.zeros(LAGS + 1)
+    asked = float(law.setpoint.sum()) * reached
+    for _ in range(samples):
+        answered = np.append(plant.measurement, answered[:-1])
+        control = float(law.own @ own + law.measurement @ answered) + asked
+        own = np.append(control, own[:-1])
+        plant.step(control)
+        if not abs(plant.measurement) <= FAR * reached:
+            return "the controller that ran, as the record shows it, held its loop, and would not hold this process"
+    return ""

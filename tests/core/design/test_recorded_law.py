@@ -1,0 +1,55 @@
+"""A process that the controller which ran would not have held is not the one of its record."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lti
+
+from fopid_core.design.identification.record import Record
+from fopid_core.design.recorded_law import contradicts_law
+from fopid_core.design.recorded_tuning import tune_recorded
+from fopid_core.model.process import Process
+
+H, DELAY, KP, KI = 0.5, 4, -1e5, -1e4
+
+
+def day(seed: int, load: float, samples: int = 500, limits: float = np.inf) -> Record:
+    """A closed loop of -4e-6/((12s+1)(3s+1))*exp(-2s) and a PI: three setpoints and a load, in plain numpy."""
+    plant = lti([-4e-6], np.polymul([12, 1], [3, 1])).to_ss().to_discrete(H)
+    noise = 5e-4 * np.random.default_rng(seed).standard_normal(samples)
+    x, waiting, integral, rows = np.zeros((2, 1)), [0.0] * DELAY, 0.0, []
+    for k in range(samples):
+        setpoint = -0.1 * (1.0 * (k >= 50) - 1.5 * (k >= 175) + 1.0 * (k >= 400))
+        measured = float((plant.C @ x).item()) + noise[k]
+        integral += KI * H * (setpoint - measured)
+        control = float(np.clip(KP * (setpoint - measured) + integral, -limits, limits))
+        rows.append((control, measured, setpoint))
+        waiting.append(control + load * (k >= 275))
+        x = plant.A @ x + plant.B * waiting.pop(0)
+    control, measured, setpoint = np.array(rows).T
+    return Record(H * np.arange(samples), 5e5 + control, 0.003 + measured, 0.003 + setpoint)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_gains_of_the_wrong_sign_are_not_handed_out(seed: int) -> None:
+    """A load as large as a step of the setpoint made a model of the other sign, whose gains drove the plant away."""
+    found = tune_recorded(day(seed, 25_000.0), "time", {"structure": "pid"})
+    gains = found.tuned.tuning.controller if found.success and found.tuned and found.tuned.tuning else None
+    assert gains is None or gains.kp < 0.0
+
+
+def test_a_process_that_the_controller_of_the_record_would_drive_away_contradicts_it() -> None:
+    record = day(0, 0.0)
+    assert contradicts_law(record, Process.parse("-4e-6/((12s+1)(3s+1))*exp(-2s)")) == ""
+    assert contradicts_law(record, Process.parse("-2e-6/((20s+1)(3s+1))*exp(-3s)")) == ""
+    for wrong in ("4e-6/((12s+1)(3s+1))*exp(-2s)", "-8e-5/((12s+1)(3s+1))*exp(-2s)"):
+        assert "would not hold this process" in contradicts_law(record, Process.parse(wrong))
+
+
+def test_a_control_that_no_short_law_explains_says_nothing() -> None:
+    wrong = Process.parse("4e-6/((12s+1)(3s+1))*exp(-2s)")
+    record = day(0, 0.0, limits=12_000.0)
+    assert contradicts_law(record, wrong) == ""
+    by_hand = Record(record.time, np.round(record.control, -4), record.measurement, record.setpoint)
+    assert contradicts_law(by_hand, wrong) == ""
