@@ -176,3 +176,15 @@ def test_a_heater_that_cools_slower_than_it_heats_gets_no_gains_of_the_wrong_sig
     found = tune_recorded(Record(np.arange(800.0), control, measured), "time", {"structure": "pid"})
     gains = found.tuned.tuning.controller if found.success and found.tuned and found.tuned.tuning else None
     assert gains is None or gains.kp > 0.0
+
+
+def test_an_integrator_that_is_learnt_from_a_record_gets_an_integral() -> None:
+    """Of a setpoint alone none is asked for, and a load would have stayed for ever."""
+    record = open_loop("0.05/s*exp(-4s)", np.repeat([0.0, 1.0, 0.0, -1.0, 0.0], 100), 1.0, 0.02)
+    found = tune_recorded(record, "time", {"index": "iae", "structure": "pid"})
+    assert found.success
+    assert (found.taken["input"], found.request.input) == ("both", "both")
+    gains = found.tuned.tuning.controller
+    assert gains.ki * 150.0 > gains.kp
+    asked = tune_recorded(record, "time", {"index": "iae", "structure": "pid", "input": "setpoint"})
+    assert asked.request.input == "setpoint"

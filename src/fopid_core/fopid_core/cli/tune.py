@@ -131,8 +131,11 @@ def frequency_verb(phase_margin: float | None, t_max: str | None, s_max: str | N
 @click.option("--rate-max", type=float, metavar="X", help="Bound on the control's moves per second at a setpoint step.")
 @click.option("--noise-density", type=float, metavar="X", help="Of the measurement's noise [unit^2/Hz].")
 @click.option("--noise-rms-max", type=float, metavar="X", help="Bound on the control that this noise makes.")
-@click.option("--input", default="setpoint", show_default=True, help="Whose step counts: setpoint, load or both.")
-@click.option("--load-weight", type=float, default=1.0, show_default=True, help="Of the load's index, for both.")
+@click.option(
+    "--input",
+    help="Whose step counts: setpoint, load or both; setpoint when not given, both for a record without a slow end.",
+)
+@click.option("--load-weight", type=float, help="Of the load's index, for both; 1 when not given.")
 @click.option(
     "--structure", metavar="NAME", help="p, pi, pd, pid, fopi, fopd or fopid; else the simplest nearly as good."
 )

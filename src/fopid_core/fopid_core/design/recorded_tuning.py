@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from fopid_core.design.defaults import process_gain
+from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
@@ -17,8 +19,9 @@ from fopid_core.design.identification.record import Record
 from fopid_core.design.loop_worth import noise_gain
 from fopid_core.design.recorded_law import contradicts_law
 from fopid_core.design.response_verification import held_to_record, no_objection, runs_away_instead
-from fopid_core.design.robust_verification import RobustLimits, RobustTuning, tune_robustly
+from fopid_core.design.robust_verification import UNSEEN, RobustLimits, RobustTuning, tune_robustly
 from fopid_core.design.specification import Clock, TuningRequest, TuningResult
+from fopid_core.design.time.objectives import Objective
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
 
@@ -229,7 +232,7 @@ def tune_recorded(
         advice = "tell control and setpoint as they were, or record without a load"
         return RecordedTuning(False, f"{identified.message}; {against}; {advice}", identified, noise)
     bounds = recorded_bounds(record, best.process, noise, given.get("sample_time", record.sample_time), best.noise)
-    own = bounds.options(method)
+    own = {**bounds.options(method), **(_with_load(best, given) if method == "time" else {})}
     if "noise_max" in given:
         own = {name: value for name, value in own.items() if not name.startswith("noise_")}
     taken = {name: value for name, value in own.items() if name not in given}
@@ -255,6 +258,18 @@ def tune_recorded(
             success, told = False, f"{told}, {allowed}{filters}"
     message = f"{identified.message}; from the record: {bounds.told}; {told}"
     return RecordedTuning(success, message, identified, noise, bounds, request, tuned, taken)
+
+
+def _with_load(best: IdentifiedModel, given: Mapping[str, Any]) -> dict[str, Any]:
+    """A load counts as well, as much as what moves the measurement alike, where the record shows no slow end.
+
+    A setpoint asks for no integral then, and without one a load stays for ever.
+    """
+    at_work = abs(complex(best.process(1j * best.crossover)))
+    unseen = abs(best.process.steady_state_gain) >= UNSEEN * at_work
+    is_integral = Objective.of(given.get("index", "itae"), {}).is_integral
+    weight = abs(process_gain(best.process)) / at_work  # a search takes a load of 1 over that gain
+    return {"input": "both", "load_weight": weight} if unseen and is_integral else {}
 
 
 def _quiet(

@@ -95,10 +95,17 @@ def fit(response: RecordResponse, start: Floats, rows: Booleans, evaluations: in
     projection = _Projection(response, rows)
     inside = np.clip(start, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
     size = float(np.ptp(response.measurement)) or 1.0  # when to stop must not depend on the measurement's unit
+
+    def residual(x: Floats) -> Floats:
+        return projection.residual(x) / size
+
+    def jacobian(x: Floats) -> Floats:
+        return projection.jacobian(x) / size
+
     found = least_squares(
-        lambda x: projection.residual(x) / size,
+        residual,
         inside,
-        lambda x: projection.jacobian(x) / size,
+        jacobian,
         bounds=(low, high),
         x_scale="jac",
         max_nfev=evaluations,
