@@ -15,7 +15,9 @@ from scipy.signal import fftconvolve
 
 from fopid_core.design.identification.flaws import Flaws, joined
 from fopid_core.design.identification.identify import IdentificationResult, identify
+from fopid_core.design.identification.noise import sensor_noise
 from fopid_core.design.identification.record import Record
+from fopid_core.design.identification.refusal import explains_little
 from fopid_core.model.arrays import Floats
 from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.plant import PlantSettings
@@ -34,6 +36,8 @@ _MOST_TAKEN = 10.0
 does a dead band that no control overcomes."""
 _LOADS, _STARTS, _ENDS = 4, 200, 12
 """Steps of a load that are looked for at most, at how many instants, and so many samples from the ends."""
+
+RUNS_AWAY = "the record shows a process that runs away without its controller, which is not replayed; allowed: others"
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ def learn(record: Record, template: str, count: int, seed: int) -> Learnt:
     flaws, loads = Flaws(centre=float(np.mean(record.measurement))), Loads()
     first = identify(record, template, disturbances=False)
     if not first.success or first.best is None:
-        return Learnt(first, flaws, None, record)
+        return Learnt(_with_true_reason(first, record), flaws, None, record)
     # A load that steps is not to pass for a drift.
     start, bare = replace(first.best.start, ramp=False), record
     fitted = WhiteFit(first, record, np.ones(1))
@@ -88,6 +92,19 @@ def learn(record: Record, template: str, count: int, seed: int) -> Learnt:
     others = drawn(record, fitted.best, start, flaws, loads.starts, fitted.whitener, count, seed)
     possible = Possible((fitted.best.process, *others.processes), joined([flaws, others.flaws]))
     return Learnt(fitted.identified, flaws, possible, fitted.record)
+
+
+def _with_true_reason(first: IdentificationResult, record: Record) -> IdentificationResult:
+    """A refusal, which says what explains a record where the process alone does not."""
+    if first.best is None or not explains_little(first.best):
+        return first
+    sensor = sensor_noise(record)
+    found = identify(record, noise=sensor.level if sensor.at_rest else 0.0)
+    if not found.success or found.best is None:
+        return first
+    told = f"{found.message}; a replay begins with what a process of two lags and a delay explains alone"
+    told = f"{told}; allowed: a stretch without the rest (--from, --to)"
+    return replace(first, message=RUNS_AWAY if found.best.structure.runs_away else told)
 
 
 @dataclass(frozen=True)
