@@ -14,6 +14,7 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from fopid_core.design.identification.flaws import Flaws, joined
+from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.noise import sensor_noise
 from fopid_core.design.identification.record import Record
@@ -63,15 +64,14 @@ class Learnt:
 
 def learn(record: Record, template: str, count: int, seed: int) -> Learnt:
     """The process and its flaws, from an evenly spaced record, and ``count`` draws of what it leaves possible."""
-    flaws, loads = Flaws(centre=float(np.mean(record.measurement))), Loads()
-    first = identify(record, template, disturbances=False)
+    first, flaws, loads, bare = _begun(record, template)
     if not first.success or first.best is None:
-        return Learnt(_with_true_reason(first, record), flaws, None, record)
+        return Learnt(first, flaws, None, record)
     # A load that steps is not to pass for a drift.
-    start, bare = replace(first.best.start, ramp=False), record
-    fitted = WhiteFit(first, record, np.ones(1))
+    start = replace(first.best.start, ramp=False)
+    fitted = WhiteFit(first, bare, np.ones(1))
     if first.best.start.ramp:
-        fitted = fitted.again(record, start)
+        fitted = fitted.again(bare, start)
     for _ in range(_WHITENINGS + 1):
         for _ in range(_ROUNDS):
             search = _Search(record, fitted, flaws, loads)
@@ -94,25 +94,53 @@ def learn(record: Record, template: str, count: int, seed: int) -> Learnt:
     return Learnt(fitted.identified, flaws, possible, fitted.record)
 
 
-def _with_true_reason(first: IdentificationResult, record: Record) -> IdentificationResult:
-    """A refusal, which says what explains a record where the process alone does not."""
-    if first.best is None or not explains_little(first.best):
-        return first
-    sensor = sensor_noise(record)
-    found = identify(record, noise=sensor.level if sensor.at_rest else 0.0)
-    if not found.success or found.best is None:
-        return first
-    told = f"{found.message}; a replay begins with what a process of two lags and a delay explains alone"
-    told = f"{told}; allowed: a stretch without the rest (--from, --to)"
-    return replace(first, message=RUNS_AWAY if found.best.structure.runs_away else told)
-
-
 @dataclass(frozen=True)
 class Loads:
     """Steps of a load on the control: at which samples, and how large."""
 
     starts: tuple[int, ...] = ()
     sizes: tuple[float, ...] = ()
+
+
+def _begun(record: Record, template: str) -> tuple[IdentificationResult, Flaws, Loads, Record]:
+    """A process to begin with, the flaws and loads beside which it was found, and the record without these.
+
+    A process alone, where that explains enough; else beside loads, or behind a dead band.
+    """
+    flaws, loads = Flaws(centre=float(np.mean(record.measurement))), Loads()
+    alone = identify(record, template, disturbances=False)
+    if alone.success or alone.best is None or not explains_little(alone.best):
+        return alone, flaws, loads, record
+    sensor = sensor_noise(record)
+    noise = sensor.level if sensor.at_rest else 0.0
+    loaded, found = identify(record, template, noise=noise), identify(record, noise=noise)
+    if loaded.success and loaded.best is not None and loaded.best.loads:
+        loads, bare = _without_loads(record, loaded.best)
+    elif found.success and found.flaws.dead_band and not found.flaws.rate < math.inf:
+        flaws = replace(found.flaws, centre=flaws.centre)
+        bare = flaws.of_record(record)
+    else:
+        bare = record
+    first = identify(bare, template, disturbances=False) if bare is not record else alone
+    if first.success or not found.success or found.best is None:
+        return first, flaws, loads, bare
+    told = f"{found.message}; a replay begins with what a process of two lags and a delay explains"
+    told = f"{told}; allowed: a stretch without the rest (--from, --to)"
+    return replace(alone, message=RUNS_AWAY if found.best.structure.runs_away else told), flaws, loads, record
+
+
+def _without_loads(record: Record, best: IdentifiedModel) -> tuple[Loads, Record]:
+    """The loads beside which a process of one gain was found, and the record without what they made of it."""
+    gain, *rest = best.fitted.coefficients.tolist()
+    first = best.fitted.response.free_columns - len(best.loads)
+    sizes = tuple(part / gain for part in rest[first : first + len(best.loads)])
+    starts = tuple(int(np.searchsorted(record.time - record.time[0], instant)) for instant in best.loads)
+    plant = plant_of(PlantSettings(best.process, record.sample_time, delay_model="exact"))
+    step = np.cumsum(np.append(0.0, plant.growth(record.time.size)))
+    answered = np.zeros(record.time.size)
+    for start, size in zip(starts, sizes, strict=True):
+        answered[start:] += size * step[: record.time.size - start]
+    return Loads(starts, sizes), replace(record, measurement=record.measurement - answered)
 
 
 class _Search:
