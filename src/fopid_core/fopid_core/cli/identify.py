@@ -51,7 +51,7 @@ def identify_verb(
     from fopid_core.design.identification.identify import identify
     from fopid_core.design.identification.noise import sensor_noise
     from fopid_core.design.recorded_law import contradicts_law
-    from fopid_core.design.response_verification import doubt_of
+    from fopid_core.design.response_verification import doubt_of, wrong_throughout
     from fopid_core.study.records import read_record
 
     signals = read_record(record, namespace, control_before, columns)
@@ -67,10 +67,12 @@ def identify_verb(
     models = [_rows(model) for model in found.models]
     best = found.best
     doubt = doubt_of(behind, best) if found.success and best else ""
+    success = found.success and not (doubt and best and wrong_throughout(behind, best))
     if found.success and best and not doubt and not found.flaws.come_before:
         doubt = contradicts_law(signals, best.process)
+        success = not doubt
     verdict = {
-        "success": found.success,
+        "success": success,
         "message": "; ".join(told for told in (found.message, doubt) if told),
         "template": best.template if best else None,
         "process": str(best.process) if best else None,
@@ -90,10 +92,10 @@ def identify_verb(
         tables.append(("Frequency response without a model: gain and angle, 95 %", _shown(response)))
     emit(
         verdict | {"models": models, "frequency_response": response},
-        [*tables, ("Identified" if found.success else "Refused", shown)],
+        [*tables, ("Identified" if success else "Refused", shown)],
         as_json,
     )
-    if not found.success:
+    if not success:
         click.get_current_context().exit(CANNOT_BE_MET)
 
 

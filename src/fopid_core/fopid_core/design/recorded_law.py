@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter, lfiltic
 
 from fopid_core.design.identification.record import Record
 from fopid_core.errors import InputError
@@ -16,32 +17,32 @@ from fopid_core.runtime.plant import PlantSettings
 LAGS = 4
 """The law looks so many samples back."""
 LEFT_MAX = 0.02
-"""Of the control's moves, as standard deviations, that it may leave."""
-TIMES, MOST_SAMPLES, FAR = 5, 50_000, 100.0
+"""Share of the control's range that it may be off by, told from its first samples and the other signals alone."""
+TIMES, MOST_SAMPLES, FAR = 5, 50_000, 30.0
 """It would not hold a process that it drives so many times as far as the record went, in so many times as long."""
 
 
 @dataclass(frozen=True)
 class RecordedLaw:
-    """The next control, from those before and from setpoint and measurement now and before.
+    """The next control, from those before and the measurement now and before, beside what it takes of the setpoint.
 
     Attributes
     ----------
     own : ndarray, shape (LAGS,)
         What it takes of the controls before, the newest first.
-    setpoint, measurement : ndarray, shape (LAGS + 1,)
+    measurement : ndarray, shape (LAGS + 1,)
         What it takes of these, the newest first.
     """
 
     own: Floats
-    setpoint: Floats
     measurement: Floats
 
 
 def recorded_law(record: Record) -> RecordedLaw | None:
     """The law by which a record's control answers its setpoint and its measurement; None where none explains it.
 
-    Without limits, and linear: what a control that is limited, rounded or moved by hand did is not explained.
+    Without limits, and linear: what a control that is limited, rounded or moved by hand did is not explained. Nor is
+    what has a longer memory: the law must tell the whole record from its first samples on.
 
     Examples
     --------
@@ -59,13 +60,16 @@ def recorded_law(record: Record) -> RecordedLaw | None:
     own = record.control[now - 1 - np.arange(LAGS)]
     others = [signal[now - np.arange(LAGS + 1)] for signal in (record.setpoint, record.measurement)]
     columns = np.hstack([own, *others])
-    matrix, target = columns - columns.mean(axis=0), record.control[LAGS:] - record.control[LAGS:].mean()
+    matrix, target = columns - columns.mean(axis=0), record.control[LAGS:]
     sizes = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-    numbers = np.linalg.lstsq(matrix / sizes, target, rcond=1e-9)[0] / sizes
-    left = target - matrix @ numbers
-    if not float(np.std(left)) <= LEFT_MAX * float(np.std(np.diff(record.control))):
+    numbers = np.linalg.lstsq(matrix / sizes, target - target.mean(), rcond=1e-9)[0] / sizes
+    others_alone = (columns[:, LAGS:] - columns[:, LAGS:].mean(axis=0)) @ numbers[LAGS:]
+    constant = target.mean() - float(own.mean(axis=0) @ numbers[:LAGS])
+    poles = np.append(1.0, -numbers[:LAGS])
+    told, _ = lfilter([1.0], poles, others_alone + constant, zi=lfiltic([1.0], poles, own[0]))
+    if not np.abs(told - target).max() <= LEFT_MAX * np.ptp(target):
         return None
-    return RecordedLaw(numbers[:LAGS], *np.split(numbers[LAGS:], 2))
+    return RecordedLaw(numbers[:LAGS], numbers[-(LAGS + 1) :])
 
 
 def contradicts_law(record: Record, process: Process) -> str:
@@ -87,7 +91,7 @@ def contradicts_law(record: Record, process: Process) -> str:
     except InputError:  # its response is not known
         return ""
     own, answered = np.zeros(LAGS), np.zeros(LAGS + 1)
-    asked = float(law.setpoint.sum()) * reached
+    asked = -float(law.measurement.sum()) * reached  # a step of the setpoint, which the record may hardly move
     for _ in range(samples):
         answered = np.append(plant.measurement, answered[:-1])
         control = float(law.own @ own + law.measurement @ answered) + asked

@@ -147,8 +147,10 @@ def recorded_bounds(
     if math.isfinite(room):
         allowed, of = NOISE_SHARE * room, f"{100 * NOISE_SHARE:g} % of the range {room:.4g}"
     else:
-        before = [] if record.control_before is None else [record.control_before]
-        allowed = RECORDED_SHARE * float(np.ptp(np.append(record.control, before)))
+        before = record.control_before
+        if before is None and not np.ptp(record.control):
+            before = 0.0  # as `identify` takes it: a step at the first sample
+        allowed = RECORDED_SHARE * float(np.ptp(np.append(record.control, [] if before is None else [before])))
         of = f"{100 * RECORDED_SHARE:g} % of its moves in the record, which says no limits"
     if level > 0.0:
         parts.append(f"noise may move the control by {allowed:.3g}, {of}")

@@ -44,6 +44,11 @@ def doubt_of(record: Record, learnt: IdentifiedModel) -> str:
     return contradicts(_seen(record, learnt), learnt.process)
 
 
+def wrong_throughout(record: Record, learnt: IdentifiedModel) -> str:
+    """How a record contradicts a process nearly wherever it shows one without a model; empty where it does not."""
+    return contradicts(_seen(record, learnt), learnt.process, THROUGHOUT)
+
+
 def to_design_for(record: Record, source: str) -> IdentificationResult:
     """What is learnt from a record, for designs that are not held to the record itself.
 
@@ -61,7 +66,7 @@ def to_design_for(record: Record, source: str) -> IdentificationResult:
     found = identify(record)
     if not found.success or found.best is None:
         raise InputError(f"record {source!r}: {found.message}; allowed: one that a process can be learnt from")
-    wrong = contradicts(_seen(found.behind_actuator(record), found.best), found.best.process, THROUGHOUT)
+    wrong = wrong_throughout(found.behind_actuator(record), found.best)
     wrong = wrong or ("" if found.flaws.come_before else contradicts_law(record, found.best.process))
     if wrong:
         raise InputError(f"record {source!r}: {found.message}; {wrong}; allowed: one that a process explains")
@@ -81,7 +86,7 @@ def runs_away_instead(record: Record, learnt: IdentifiedModel, noise: float) -> 
     noise : float
         Of the measurement, a standard deviation; 0 where it is not known.
     """
-    if learnt.structure.runs_away or not contradicts(_seen(record, learnt), learnt.process, THROUGHOUT):
+    if learnt.structure.runs_away or not wrong_throughout(record, learnt):
         return None
     found = identify(record, ",".join(UNSTABLE_STRUCTURES), noise=noise)
     return found if found.success and found.best and not doubt_of(record, found.best) else None

@@ -169,6 +169,10 @@ def identify(
         return IdentificationResult(False, nothing, (), None, clock() - begun)
     found = search.of(record, rough)
     told = found.refusal or _told(found.best)
+    if not found.refusal and not np.ptp(record.control) and record.control_before is None:
+        told += (
+            f"; taken for a step of the control from 0 to {record.control[0]:g} at the first sample (control_before)"
+        )
     if record is not whole:
         told += (
             f"; of {whole.time.size} samples the {record.time.size} of the longest stretch without a break were used"
