@@ -18,8 +18,8 @@ from virtual_loop import TooLongError, VirtualLoop
 from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.errors import InputError
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
-from fopid_ros.tuner.learning.gain_update import read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 REST = 0.3
 """How long the loop runs before, in the plant's horizons."""

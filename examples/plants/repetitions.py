@@ -15,8 +15,8 @@ from virtual_loop import TooLongError, VirtualLoop
 
 from fopid_core.errors import InputError
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
-from fopid_ros.tuner.learning.gain_update import read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 BAND = 1.2
 """The allowed deviation is the measurement's, which is noisy; the true output may go so many times as far."""

@@ -8,9 +8,9 @@ from virtual_loop import VirtualLoop
 
 from fopid_core.model.fopid import Fopid
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
-from fopid_ros.tuner.learning.gain_update import read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import BUMP_SHARE, MOST_WIDER, LoopBaseline
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
+from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 EXHIBIT = GALLERY["level_tank"]
 UNSTABLE = Fopid(*(50.0 * gain for gain in EXHIBIT.gains))

@@ -12,8 +12,8 @@ from judging import judge
 from virtual_loop import VirtualLoop
 
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
-from fopid_ros.tuner.learning.gain_update import read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import MOST_UNREST, NOISES, LoopBaseline
+from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 HUM, PERIOD, NOISE = 0.5, 7.0, 0.1
 

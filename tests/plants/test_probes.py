@@ -12,9 +12,9 @@ from virtual_loop import VirtualLoop
 
 from fopid_ros.tuner.learning import closed_loop_experiment
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
-from fopid_ros.tuner.learning.gain_update import read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import NOISES, LoopBaseline
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
+from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 
 class CoatingLine(Plant):

@@ -15,10 +15,10 @@ from virtual_loop import VirtualLoop
 import fopid_ros.tuner.learning.proof
 from fopid_core.model.fopid import Fopid
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
-from fopid_ros.tuner.learning.gain_update import read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.proof import Proof
 from fopid_ros.tuner.learning.reach import Reach
+from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 
 class BacklashDrive(Plant):

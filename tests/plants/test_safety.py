@@ -11,8 +11,8 @@ from virtual_loop import VirtualLoop
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_ros.tuner.learning.closed_loop_experiment import LONGEST, ClosedLoopExperiment, ExperimentSettings
-from fopid_ros.tuner.learning.gain_update import read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 
 def experiment(name: str, seed: int, history: float = 600.0) -> tuple[VirtualLoop, ClosedLoopExperiment, list[str]]:

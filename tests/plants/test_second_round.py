@@ -23,10 +23,11 @@ from fopid_core.model.process import Process, read_process
 from fopid_ros.tuner.learning import autotune, closed_loop_experiment
 from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings, RestlessError
-from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, read_running_controller
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_wait import CancelledError
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
+from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 NAME, SEED = "heat_exchanger", 1
 CRITERIA = AcceptanceCriteria(

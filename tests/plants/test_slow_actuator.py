@@ -25,10 +25,11 @@ from fopid_core.runtime.settings import Pace
 from fopid_ros.tuner.controller_client import RunningDesign
 from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
-from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome, read_running_controller
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.proof import PULSES, Proof
 from fopid_ros.tuner.learning.reach import Reach
+from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 
 class SlowValve(Plant):

@@ -10,8 +10,8 @@ from virtual_loop import VirtualLoop
 from fopid_core.design.identification.identify import identify
 from fopid_core.design.sufficiency import Sufficiency
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
-from fopid_ros.tuner.learning.gain_update import read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 KEPT = 1.5
 """Factor within which what is said first is kept where the first experiment says enough."""

@@ -27,16 +27,11 @@ from fopid_core.runtime.performance_monitor import PerformanceMeter
 from fopid_core.runtime.settings import UNPACED, Pace
 from fopid_ros.tuner.controller_client import RunningDesign, UnconfirmedError
 from fopid_ros.tuner.learning import gain_update as gain_update_module
-from fopid_ros.tuner.learning.gain_update import (
-    AcceptanceCriteria,
-    GainUpdate,
-    Outcome,
-    RunningController,
-    Trial,
-)
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, Trial
 from fopid_ros.tuner.learning.history import History
 from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.loop_wait import CancelledError, Stage
+from fopid_ros.tuner.learning.running_controller import RunningController
 from fopid_ros.tuner.parameters import SPECS as TUNER
 
 OLD = RunningDesign(Fopid(0.5, 1.0, 0.0, 1.0, 1.0), MeasurementFilter(2, 0.003), SetpointWeights(0.5, 0.0))

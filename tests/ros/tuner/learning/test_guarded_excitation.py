@@ -8,10 +8,10 @@ import pytest
 
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings
-from fopid_ros.tuner.learning.gain_update import RunningController
 from fopid_ros.tuner.learning.guarded_excitation import SHRINKS_MAX, GuardedExcitation
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_tap import Tick
+from fopid_ros.tuner.learning.running_controller import RunningController
 
 DT = 0.1
 

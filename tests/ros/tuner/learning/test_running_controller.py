@@ -14,8 +14,8 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.settings import Pace
 from fopid_ros.tuner.controller_client import DEADBAND, FILTER, GAINS, PACE, WEIGHTS, RunningDesign
-from fopid_ros.tuner.learning.gain_update import RunningController, read_running_controller
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.running_controller import RunningController, read_running_controller
 
 NOW = RunningDesign(Fopid(0.5, 1.0), MeasurementFilter(2, 0.003), SetpointWeights(0.5, 0.0))
 LIMITS = ("control_min", "control_max")

@@ -15,17 +15,15 @@ from fopid_core.design.identification.record import Record
 from fopid_core.errors import InputError
 from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
 from fopid_ros.tuner.controller_client import ControllerClient
-from fopid_ros.tuner.learning.closed_loop_experiment import INTEGRAL_TIMES
-from fopid_ros.tuner.learning.gain_update import (
-    AcceptanceCriteria,
-    GainUpdate,
-    Outcome,
-    RunningController,
-    read_running_controller,
-)
-from fopid_ros.tuner.learning.loop_baseline import integral_time
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome
 from fopid_ros.tuner.learning.loop_tap import LoopTap
 from fopid_ros.tuner.learning.loop_wait import LoopWait
+from fopid_ros.tuner.learning.running_controller import (
+    INTEGRAL_TIMES,
+    RunningController,
+    integral_time,
+    read_running_controller,
+)
 
 CHECKS_PER_WINDOW = 4
 """How often the model is judged, while the window of signals that it is judged by passes once."""

@@ -26,11 +26,9 @@ from fopid_ros.tuner.learning.gain_update import (
     AcceptanceCriteria,
     GainUpdate,
     Outcome,
-    RunningController,
     Trial,
     counting_as_none,
     held_to,
-    read_running_controller,
     response_time,
 )
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
@@ -38,6 +36,7 @@ from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 from fopid_ros.tuner.learning.proof import Proof
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
+from fopid_ros.tuner.learning.running_controller import RunningController, read_running_controller
 
 EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""

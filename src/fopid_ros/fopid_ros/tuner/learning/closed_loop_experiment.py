@@ -12,18 +12,16 @@ from fopid_core.design.identification.noise import resolution
 from fopid_core.errors import InputError
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
 from fopid_ros.tuner.learning.calm import Calm
-from fopid_ros.tuner.learning.gain_update import TICKS_MIN
 from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
-from fopid_ros.tuner.learning.loop_baseline import LoopBaseline, integral_time
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
+from fopid_ros.tuner.learning.running_controller import INTEGRAL_TIMES, TICKS_MIN, integral_time
 
 PRBS_ORDER = 5
 EXCITATIONS = {"prbs": (1 << PRBS_ORDER) - 1, "relay": 8, "step": 2}
 """Kinds of experiment, and into how many holds each divides its duration."""
-INTEGRAL_TIMES = 20.0
-"""Length of the experiment when nobody says it, in integral times of the present controller."""
 REST_SHARE, LOOKS = 0.08, 10
 """Share of that length over which rest is judged, and how often meanwhile."""
 TICKS_LEAST = 20

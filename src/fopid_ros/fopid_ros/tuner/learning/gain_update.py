@@ -20,17 +20,14 @@ from fopid_core.design.robust_verification import RobustLimits, RobustTuning, fi
 from fopid_core.design.slower import slower_design
 from fopid_core.design.specification import TuningRequest, TuningResult
 from fopid_core.errors import InputError
-from fopid_core.model.fopid import Fopid
-from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
+from fopid_core.model.two_degrees import WHOLE_SETPOINT
 from fopid_core.runtime.performance_monitor import LoopPerformance, MonitorSettings, PerformanceMonitor
-from fopid_core.runtime.settings import UNPACED, AntiWindup, Pace
-from fopid_ros.common.design_parameters import DEADBAND, FILTER, GAINS, PACE, WEIGHTS
+from fopid_core.runtime.settings import UNPACED, Pace
 from fopid_ros.tuner.controller_client import ControllerClient, RunningDesign, UnconfirmedError
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
+from fopid_ros.tuner.learning.running_controller import TICKS_MIN, RunningController
 
-TICKS_MIN = 30
-"""What lasts fewer ticks tells nothing."""
 MONITORED_RESPONSES = 10.0
 """How long new gains are watched, in response times."""
 SILENT = SensorNoise(0.0, 0.0)
@@ -111,70 +108,6 @@ class Trial:
     def watched(self, sample_time: float) -> float:
         """How long they are watched [s]."""
         return max(MONITORED_RESPONSES * self.response_time, 2 * TICKS_MIN * sample_time)
-
-
-@dataclass(frozen=True)
-class RunningController:
-    """What the running controller says of itself.
-
-    Attributes
-    ----------
-    gains : Fopid
-    sample_time : float
-        [s]
-    control_min, control_max : float
-    filter, weights
-        Of the measurement and of the setpoint.
-    pace : Pace
-        Of control and setpoint.
-    antiwindup : str
-    deadband : float
-    """
-
-    gains: Fopid
-    sample_time: float
-    control_min: float
-    control_max: float
-    filter: MeasurementFilter = NO_FILTER
-    weights: SetpointWeights = WHOLE_SETPOINT
-    pace: Pace = UNPACED
-    antiwindup: AntiWindup = "back_calculation"
-    deadband: float = 0.0
-
-    @property
-    def control_range(self) -> float:
-        """From limit to limit; infinite without."""
-        return self.control_max - self.control_min
-
-    def room(self, control: float) -> tuple[float, float]:
-        """Limits of the control, from a value of it."""
-        return self.control_min - control, self.control_max - control
-
-    @property
-    def running(self) -> RunningDesign:
-        """The gains with the filter and the weights they run with."""
-        return RunningDesign(self.gains, self.filter, self.weights, self.pace, self.deadband)
-
-    def saturated(self, control: float) -> bool:
-        """Whether a control is at a limit."""
-        return not self.control_min < control < self.control_max
-
-
-def read_running_controller(client: ControllerClient) -> RunningController:
-    """The running controller, which must be in automatic mode.
-
-    Raises
-    ------
-    InputError
-        If it does not answer, or is in manual mode.
-    """
-    *gains, sample_time, low, high, mode = client.get(*GAINS, "sample_time", "control_min", "control_max", "mode")
-    order, time, proportional, derivative, *pace = client.get(*FILTER, *WEIGHTS, *PACE)
-    antiwindup, deadband = client.get("antiwindup", DEADBAND)
-    if mode != "auto":
-        raise InputError(f"mode = {mode!r} of the controller; allowed: auto, since the loop stays closed")
-    slow, weights = MeasurementFilter(order, time), SetpointWeights(proportional, derivative)
-    return RunningController(Fopid(*gains), sample_time, low, high, slow, weights, Pace(*pace), antiwindup, deadband)
 
 
 def held_to(pace: Pace, moves: str = "moves", now: str = " now") -> str:

@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike
 
 from fopid_core.design.identification.noise import SensorNoise, noise_at_rest, resolution, white_level
 from fopid_core.errors import InputError
-from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
-from fopid_ros.tuner.learning.gain_update import RunningController
 from fopid_ros.tuner.learning.loop_tap import Tick
+from fopid_ros.tuner.learning.running_controller import RunningController
 
 STEADY_STATE_SHARE, RESTLESS_SHARE = 0.1, 0.2
 """Share of the allowed deviation up to which an offset or a drift, and swings to either side, count as rest."""
@@ -201,10 +200,3 @@ def spread_about_drift(measured: ArrayLike) -> float:
     values = np.asarray(measured, dtype=float)
     instants = np.arange(values.size)
     return float(np.std(values - np.polynomial.Polynomial.fit(instants, values, 1)(instants)))
-
-
-def integral_time(gains: Fopid) -> float:
-    """(kp/ki)^(1/lam), the time scale that whoever chose these gains had in mind [s]; NaN where there is none."""
-    if not (gains.kp and gains.ki and gains.lam):
-        return math.nan
-    return float(abs(gains.kp / gains.ki) ** (1.0 / gains.lam))
