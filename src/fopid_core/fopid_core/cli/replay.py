@@ -57,6 +57,7 @@ def replay_verb(
     as_json: bool,
 ) -> None:
     """What other gains would have done on a recorded day: a csv file with a setpoint, or a bag; no experiment."""
+    from fopid_core.study.records import refuse_limits_beside
     from fopid_core.study.replay import replay
 
     limits = {"control_min": control_min, "control_max": control_max, "control_rate_max": control_rate_max}
@@ -65,6 +66,7 @@ def replay_verb(
     if ran is not None:
         settings = _as_it_ran(ran, settings, slow, setpoint_weights, limits)
     signals = signals.part(first, last) if (first, last) != (-math.inf, math.inf) else signals
+    refuse_limits_beside(signals, control_min, control_max)
     found = replay(signals, settings, tuned=gains is None)
     if plot and found.success:
         from fopid_core.cli.plots import plot_replay

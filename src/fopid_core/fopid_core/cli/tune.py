@@ -219,10 +219,11 @@ def _tune_record(
     """Learn and tune from a record, and write what came of it; whether it is a success."""
     from fopid_core.cli.tuned import show, show_refused
     from fopid_core.design.recorded_tuning import tune_recorded
-    from fopid_core.study.records import read_record
+    from fopid_core.study.records import read_record, refuse_limits_beside
 
     signals = read_record(file, source["namespace"], source["control_before"], source["columns"])
     limits = {name: source[name] for name in ("control_min", "control_max") if source[name] is not None}
+    refuse_limits_beside(signals, limits.get("control_min", -math.inf), limits.get("control_max", math.inf))
     with progress(method) as told:
         told(0.0, "learning the process, tuning, verifying on all that the record leaves possible")
         found = tune_recorded(replace(signals, **limits), method, options, template=template)

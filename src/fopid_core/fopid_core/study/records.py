@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fopid_core.design.identification.record import Record
+from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.settings import ControllerSettings
 from fopid_core.study.csv_columns import read_csv_signals
@@ -58,6 +59,23 @@ def read_record(
     from fopid_core.study.bags.bag import read_bag
 
     return record_of_run(read_bag(path, namespace), control_before)
+
+
+def refuse_limits_beside(record: Record, low: float, high: float) -> None:
+    """Raise InputError for limits of the control between which it never was in a record.
+
+    Examples
+    --------
+    >>> refuse_limits_beside(Record(np.arange(30.0), np.ones(30), np.zeros(30)), 5.0, 9.0)
+    Traceback (most recent call last):
+    ...
+    fopid_core.errors.InputError: control limits 5 to 9; allowed: such as the record's control keeps, 1 to 1
+    """
+    least, most = float(record.control.min()), float(record.control.max())
+    if most < low or high < least:
+        raise InputError(
+            f"control limits {low:g} to {high:g}; allowed: such as the record's control keeps, {least:g} to {most:g}"
+        )
 
 
 def record_of_run(run: Run, control_before: float | None = None) -> Record:
