@@ -7,6 +7,7 @@ from dataclasses import replace as with_other
 import numpy as np
 import pytest
 
+from fopid_core.design.identification.record import Record
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
@@ -15,6 +16,7 @@ from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.study.replay import MOST_SAMPLES, evenly, figures, replay
 from fopid_core.study.replayed_loop import grown_steps, simulated
 
+from ..design.identification.recorded import closed_loop
 from .days import PROCESS, H, day
 from .replay_campaign import SAMPLES, Foreign, without
 
@@ -181,3 +183,19 @@ def test_where_a_process_that_hardly_damps_is_found_others_about_it_are_drawn() 
     plant = Foreign(8871)
     found = replay(plant.run(plant.running, SAMPLES), ControllerSettings(plant.wanted), seed=8871)
     assert found.message
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_day_with_a_load_as_large_as_its_steps_is_lived_again(seed: int) -> None:
+    """A process alone explains half of it: it was refused, with a word on sensors that stick."""
+
+    def lived(gains: Fopid) -> Record:
+        steps = (lambda k: 3.0 * ((k >= 60) - 1.5 * (k >= 210) + (k >= 480))), (lambda k: 1.0 * (k >= 330))
+        return closed_loop("0.05/s*exp(-4s)", steps[0], 600, 1.0, gains, 0.05, seed, steps[1])
+
+    ran, wanted = lived(Fopid(1.5, 0.02)), lived(Fopid(3.0, 0.04))
+    found = replay(ran, ControllerSettings(Fopid(3.0, 0.04)))
+    assert found.success, found.message
+    assert found.measurement is not None
+    assert np.abs(found.measurement.expected - wanted.measurement).max() < 0.1
