@@ -85,7 +85,9 @@ def identify_verb(
         "plot": str(plot) if plot and best else None,
         "elapsed_s": found.elapsed,
     }
-    tables: list[tuple[str, Mapping[str, Any]]] = [(model.template, _table(model)) for model in found.models]
+    tables: list[tuple[str, Mapping[str, Any]]] = [
+        (f"{model.template}, beside each number its standard deviation", _table(model)) for model in found.models
+    ]
     shown = verdict | {"process": _readable(best)}
     response = _response(seen, best)
     if seen.known.any():

@@ -34,6 +34,8 @@ FOUND_TIME = 10.0
 """How long the tuner may take to be found [s]."""
 ASKED_EVERY, GONE = 10.0, 10.0
 """So often a tuner is asked whether it still knows of the goal; and so long none may be there [s]."""
+TOLD_EVERY = 30.0
+"""A log gets a line at least so often [s]."""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -170,17 +172,19 @@ def _gone(why: str) -> str:
 
 
 class _Lines:
-    """Progress for a log: a line on each new phase or message, and whenever a tenth of the whole is done."""
+    """Progress for a log: a line on each new phase or message, at each tenth of the whole, and every half minute."""
 
     def __init__(self) -> None:
         self._last: tuple[str, str, int] | None = None
         self._announced = False
+        self._told_at = time.monotonic()
 
     def tell(self, stage: Autotune.Feedback) -> None:
         """Write a line on stderr when there is something new."""
         now = (stage.phase, stage.message, int(10.0 * stage.progress))
-        if now == self._last:
+        if now == self._last and time.monotonic() - self._told_at < TOLD_EVERY:
             return
+        self._told_at = time.monotonic()
         if stage.remaining > 0.0 and not self._announced:
             self._announced = True
             print(f"the experiment takes {stage.remaining:.0f} s", file=sys.stderr, flush=True)
