@@ -103,7 +103,7 @@ def test_a_load_that_came_does_not_hide_what_the_record_shows_where_the_model_kn
     signals = Record(H * np.arange(1440), control, measured)
 
     def doubt(process: Process, *loads: float) -> str:
-        learnt: Any = SimpleNamespace(process=process, loads=loads)
+        learnt: Any = SimpleNamespace(fit_pct=95.0, process=process, loads=loads)
         return held_to_record(signals, learnt, 2.2)[0]
 
     wrong = Process.parse("1/(2.2s+1)*exp(-0.9s)")

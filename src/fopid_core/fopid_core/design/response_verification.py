@@ -12,6 +12,7 @@ from fopid_core.design.identification.frequency_response import FrequencyRespons
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
+from fopid_core.design.identification.refusal import LEAST_FIT
 from fopid_core.design.identification.structure import UNSTABLE_STRUCTURES
 from fopid_core.design.recorded_law import contradicts_law
 from fopid_core.design.sampled_loop import running
@@ -127,7 +128,10 @@ def held_to_record(
     """
     seen = _seen(record, learnt)
     doubt = contradicts(seen, learnt.process)
-    return doubt, held_without_a_model(seen, learnt.process, ms_max, sample_time) if doubt else no_objection
+    if not doubt:
+        return doubt, no_objection
+    wrong = learnt.fit_pct < LEAST_FIT or bool(contradicts(seen, learnt.process, THROUGHOUT))
+    return doubt, held_without_a_model(seen, learnt.process, ms_max, sample_time, wrong=wrong)
 
 
 def contradicts_rest(process: Process, gains: Fopid, sample_time: float, slow: MeasurementFilter = NO_FILTER) -> str:
@@ -173,14 +177,13 @@ def no_objection(_: Fopid | None, __: MeasurementFilter) -> str:
 
 
 def held_without_a_model(
-    response: FrequencyResponse, process: Process, ms_max: float, sample_time: float = 0.0
+    response: FrequencyResponse, process: Process, ms_max: float, sample_time: float = 0.0, *, wrong: bool = False
 ) -> Judge:
     """A judge of designs for a process that contradicts the response, whose own loops are stable.
 
     At each known frequency |S| is bounded over the whole disc: 1 / (|1 + C F G| - |C F| r), with C as it is in
     continuous time and G behind the hold of the controller. From the lowest to the highest of them, 1 + C F G may not
-    go around the origin otherwise than the process's own (Nyquist). Nothing is said between the frequencies. Where
-    the process is wrong throughout, no design may do all its work below them, of which nothing is known.
+    go around the origin otherwise than the process's own (Nyquist). Nothing is said between the frequencies.
 
     Parameters
     ----------
@@ -189,6 +192,9 @@ def held_without_a_model(
     ms_max : float
     sample_time : float
         Of the controller [s]; 0 for that of the response.
+    wrong : bool
+        Whether the process is wrong throughout, or explains too little: no design may do all its work below the
+        frequencies then, of which nothing is known.
 
     Examples
     --------
@@ -196,17 +202,17 @@ def held_without_a_model(
     >>> from fopid_core.design.tuner import tune
     >>> w = np.geomspace(0.1, 5.0, 15)
     >>> seen = FrequencyResponse(w, 1.0 / (1j * w + 1.0) ** 3, np.full(15, 0.01), 0.01, 10)
-    >>> def judged(text):
+    >>> def judged(text, wrong=False):
     ...     process = Process.parse(text)
     ...     design = tune(TuningRequest(process, "rule", rule="simc-pi"))
-    ...     return held_without_a_model(seen, process, 2.2)(design.controller, design.filter)
+    ...     return held_without_a_model(seen, process, 2.2, wrong=wrong)(design.controller, design.filter)
     >>> judged("1/(s+1)^3")
     ''
     >>> judged("0.4/(s+1)^3")
     'max |S| above 2.2 at 1.24 rad/s, by what the record shows without a model'
     >>> judged("0.02/(s+1)^3")
     'unstable by what the record shows without a model'
-    >>> judged("-0.3/(10s+1)*exp(-60s)")
+    >>> judged("-0.3/(10s+1)*exp(-60s)", wrong=True)
     'it works below 0.1 rad/s, where the record shows nothing without a model'
     """
     known = response.known
@@ -214,7 +220,6 @@ def held_without_a_model(
     held = _hold(w, sample_time or response.sample_time) / _hold(w, response.sample_time)
     seen, radius = response.response[known] * held, response.radius[known] * np.abs(held)
     learnt = response.model(process)[known] * held
-    wrong = bool(contradicts(response, process, THROUGHOUT))
 
     def judge(gains: Fopid | None, slow: MeasurementFilter) -> str:
         if gains is None:
@@ -223,7 +228,7 @@ def held_without_a_model(
         difference = np.unwrap(np.angle((1.0 + controller * seen) / (1.0 + controller * learnt)))
         if abs(difference[-1] - difference[0]) > np.pi:
             return "unstable by what the record shows without a model"
-        if wrong and np.abs(controller * seen).max() < 1.0:
+        if wrong and min(np.abs(controller * one).max() for one in (seen, learnt)) < 1.0:
             return f"it works below {w[0]:.3g} rad/s, where the record shows nothing without a model"
         nearest = np.abs(1.0 + controller * seen) - np.abs(controller) * radius
         worst = int(np.argmin(nearest))
