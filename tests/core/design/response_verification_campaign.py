@@ -70,7 +70,12 @@ def models(signals: Record, true: Sample, *, identified: bool) -> Iterator[tuple
     if found is not None and found.success:
         yield LEARNT, found.best
     top, bottom = true.numerator, true.denominator
-    yield "gain", SimpleNamespace(fit_pct=95.0, process=read_process(replace(true, numerator=[c / 3.0 for c in top]).text), loads=())
+    yield (
+        "gain",
+        SimpleNamespace(
+            fit_pct=95.0, process=read_process(replace(true, numerator=[c / 3.0 for c in top]).text), loads=()
+        ),
+    )
     if true.delay:
         yield "delay", SimpleNamespace(fit_pct=95.0, process=read_process(replace(true, delay=0.0).text), loads=())
     if identified and len(bottom) > 2:

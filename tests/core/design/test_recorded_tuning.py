@@ -14,6 +14,7 @@ from fopid_core.design.specification import TuningResult
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
 from fopid_core.model.response import step_response
+from fopid_core.model.stability import stability
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.runtime.settings import as_designed
@@ -188,3 +189,26 @@ def test_an_integrator_that_is_learnt_from_a_record_gets_an_integral() -> None:
     assert gains.ki * 150.0 > gains.kp
     asked = tune_recorded(record, "time", {"index": "iae", "structure": "pid", "input": "setpoint"})
     assert asked.request.input == "setpoint"
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_a_relay_about_a_process_that_runs_away_gives_gains_that_hold_it_or_none(seed: int) -> None:
+    """It was taken for an integrator; a gain below 1 lets it go, which no frequency of the record shows."""
+    rng, step, held, sign = np.random.default_rng(seed), 0.05, 0.0, 1.0
+    waiting, rows = [0.0] * 4, []
+    for k in range(800):
+        measured = held + 0.01 * rng.standard_normal()
+        sign = -1.0 if measured > 0.04 else 1.0 if measured < -0.04 else sign
+        control = 0.0 if k < 20 else 0.3 * sign
+        rows.append((control, measured))
+        waiting.append(control)
+        force = waiting.pop(0)
+        held = (held + force) * np.exp(0.5 * step) - force
+    control, measured = np.array(rows).T
+    found = tune_recorded(
+        Record(step * np.arange(800), control, measured), "time", {"structure": "pid", "index": "iae"}
+    )
+    design = found.tuned.tuning if found.success and found.tuned else None
+    if design is not None:
+        true = Loop(read_process("1/(2s-1)*exp(-0.2s)"), design.controller, filter=design.filter)
+        assert stability(true).stable
