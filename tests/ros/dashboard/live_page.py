@@ -20,6 +20,11 @@ from ..conftest import PATIENCE, Graph
 JSON = "application/json"
 
 
+def _no_json(constant: str) -> None:
+    """A browser does not know Infinity or NaN, which Python reads."""
+    raise ValueError(f"{constant} in a message to a browser")
+
+
 class Dashboard:
     """A running dashboard.
 
@@ -93,7 +98,7 @@ class Reader:
         if text is None:
             self.closed = self._socket.close_code
             return
-        message = json.loads(text)
+        message = json.loads(text, parse_constant=_no_json)
         self.messages += 1
         if message["fresh"]:
             self.records += 1

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
+from fopid_core.study.json_values import jsonable
 from fopid_core.study.page.guarded import Guarded
 from fopid_ros.dashboard.history import Cursor, Row
 from fopid_ros.dashboard.node import KEPT_ROWS, DashboardNode
@@ -98,7 +99,8 @@ class LiveHandler(Guarded, WebSocketHandler):
 
 
 def _message(rows: Iterable[Row], news: dict[str, Any]) -> str:
-    more = json.dumps(news, separators=(",", ":"))[1:]
+    """One object; null where a number is not finite, which a browser could not read."""
+    more = json.dumps(jsonable(news), separators=(",", ":"), allow_nan=False)[1:]
     return f'{{"rows":[{",".join(map(row_text, rows))}],{more}'
 
 
