@@ -233,21 +233,20 @@ def test_two_tests_with_a_weekend_between_are_not_one_of_sixty_hours(tmp_path: P
     assert read_process(found["process"]).delay == pytest.approx(8.0, abs=0.5)
 
 
-def test_one_column_is_not_both_measurement_and_control(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ("c,a", "column 'c'"),
+        ("c,a", "one of time, a, b"),
+        ("a,a", "one column as measurement and control; allowed: two"),
+    ],
+)
+def test_columns_that_cannot_be_used_are_named(columns: str, said: str, tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text("time,a,b\n0,0,0\n")
-    result = run(path, "--columns", "a,a")
+    result = run(path, "--columns", columns)
     assert result.exit_code == 2
-    assert "one column as measurement and control; allowed: two" in result.stderr
-
-
-def test_a_column_that_is_not_there_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "record.csv"
-    path.write_text("time,a,b\n0,0,0\n")
-    result = run(path, "--columns", "c,a")
-    assert result.exit_code == 2
-    assert "column 'c'" in result.stderr
-    assert "one of time, a, b" in result.stderr
+    assert said in result.stderr
 
 
 def test_the_fit_is_drawn(tmp_path: Path) -> None:

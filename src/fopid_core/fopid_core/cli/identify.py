@@ -50,8 +50,7 @@ def identify_verb(
     from fopid_core.design.identification.frequency_response import frequency_response
     from fopid_core.design.identification.identify import identify
     from fopid_core.design.identification.noise import sensor_noise
-    from fopid_core.design.recorded_law import contradicts_law
-    from fopid_core.design.response_verification import doubt_of, wrong_throughout
+    from fopid_core.design.response_verification import doubt_of, is_not_of
     from fopid_core.study.records import read_record
 
     signals = read_record(record, namespace, control_before, columns)
@@ -66,11 +65,9 @@ def identify_verb(
         plot_fit(found.best, behind, plot, seen)
     models = [_rows(model) for model in found.models]
     best = found.best
-    doubt = doubt_of(behind, best) if found.success and best else ""
-    success = found.success and not (doubt and best and wrong_throughout(behind, best))
-    if found.success and best and not doubt and not found.flaws.come_before:
-        doubt = contradicts_law(signals, best.process)
-        success = not doubt
+    wrong = is_not_of(signals, found, best) if found.success and best else ""
+    doubt = wrong or (doubt_of(behind, best) if found.success and best else "")
+    success = found.success and not wrong
     verdict = {
         "success": success,
         "message": "; ".join(told for told in (found.message, doubt) if told),

@@ -31,7 +31,7 @@ class RecordedLaw:
     own : ndarray, shape (LAGS,)
         What it takes of the controls before, the newest first.
     measurement : ndarray, shape (LAGS + 1,)
-        What it takes of these, the newest first.
+        What it takes of it, the newest first.
     """
 
     own: Floats
@@ -67,7 +67,9 @@ def recorded_law(record: Record) -> RecordedLaw | None:
     constant = target.mean() - float(own.mean(axis=0) @ numbers[:LAGS])
     poles = np.append(1.0, -numbers[:LAGS])
     told, _ = lfilter([1.0], poles, others_alone + constant, zi=lfiltic([1.0], poles, own[0]))
-    if not np.abs(told - target).max() <= LEFT_MAX * np.ptp(target):
+    with np.errstate(all="ignore"):  # a law that runs away by itself tells no record
+        left = float(np.abs(told - target).max())
+    if not left <= LEFT_MAX * np.ptp(target):
         return None
     return RecordedLaw(numbers[:LAGS], numbers[-(LAGS + 1) :])
 

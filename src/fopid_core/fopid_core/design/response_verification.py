@@ -50,6 +50,12 @@ def wrong_throughout(record: Record, learnt: IdentifiedModel) -> str:
     return contradicts(_seen(record, learnt), learnt.process, THROUGHOUT)
 
 
+def is_not_of(record: Record, found: IdentificationResult, best: IdentifiedModel) -> str:
+    """Why what was learnt is not the process of a record, by two other calculations; empty where neither says so."""
+    wrong = wrong_throughout(found.behind_actuator(record), best)
+    return wrong or ("" if found.flaws.come_before else contradicts_law(record, best.process))
+
+
 def to_design_for(record: Record, source: str) -> IdentificationResult:
     """What is learnt from a record, for designs that are not held to the record itself.
 
@@ -67,8 +73,7 @@ def to_design_for(record: Record, source: str) -> IdentificationResult:
     found = identify(record)
     if not found.success or found.best is None:
         raise InputError(f"record {source!r}: {found.message}; allowed: one that a process can be learnt from")
-    wrong = wrong_throughout(found.behind_actuator(record), found.best)
-    wrong = wrong or ("" if found.flaws.come_before else contradicts_law(record, found.best.process))
+    wrong = is_not_of(record, found, found.best)
     if wrong:
         raise InputError(f"record {source!r}: {found.message}; {wrong}; allowed: one that a process explains")
     return found

@@ -113,17 +113,21 @@ def _begun(record: Record, template: str) -> tuple[IdentificationResult, Flaws, 
         return alone, flaws, loads, record
     sensor = sensor_noise(record)
     noise = sensor.level if sensor.at_rest else 0.0
-    loaded, found = identify(record, template, noise=noise), identify(record, noise=noise)
+    loaded = identify(record, template, noise=noise)
     if loaded.success and loaded.best is not None and loaded.best.loads:
-        loads, bare = _without_loads(record, loaded.best)
-    elif found.success and found.flaws.dead_band and not found.flaws.rate < math.inf:
-        flaws = replace(found.flaws, centre=flaws.centre)
-        bare = flaws.of_record(record)
-    else:
-        bare = record
-    first = identify(bare, template, disturbances=False) if bare is not record else alone
-    if first.success or not found.success or found.best is None:
-        return first, flaws, loads, bare
+        beside, bare = _without_loads(record, loaded.best)
+        first = identify(bare, template, disturbances=False)
+        if first.success:
+            return first, flaws, beside, bare
+    found = identify(record, noise=noise)
+    if not found.success or found.best is None:
+        return alone, flaws, loads, record
+    if found.flaws.dead_band and math.isinf(found.flaws.rate):
+        behind = replace(found.flaws, centre=flaws.centre)
+        bare = behind.of_record(record)
+        first = identify(bare, template, disturbances=False)
+        if first.success:
+            return first, behind, loads, bare
     told = f"{found.message}; a replay begins with what a process of two lags and a delay explains"
     told = f"{told}; allowed: a stretch without the rest (--from, --to)"
     return replace(alone, message=RUNS_AWAY if found.best.structure.runs_away else told), flaws, loads, record
