@@ -35,6 +35,8 @@ RESTRICTIONS: Mapping[str, Mapping[str, float]] = {
     "ki=0 mu=1": {"ki": 0.0, "mu": 1.0},
     "kd=0 lam=1": {"kd": 0.0, "lam": 1.0},
 }
+INTEGRATES, ORDERS = "P6", (0.05, 2.0)
+"""The family that does, and the range of lam when none is named."""
 STRIDE = 37
 """Of the processes, so that a part of the rows is about all families."""
 EVOLVED = 32
@@ -48,8 +50,14 @@ Key = tuple[str, str, float, str]
 
 
 def request(name: str, index: str, ms_max: float, **options: Any) -> TuningRequest:
-    """A tuning of a process of the batch."""
-    return TuningRequest(Process.parse(BATCH[name]), method="time", index=index, ms_max=ms_max, **options)
+    """A tuning of a process of the batch.
+
+    Those that integrate have the best response to a setpoint with an integral that hardly acts. Restrictions that name
+    the integral may have that, and so may the whole: with lam's range named, no load has to fade.
+    """
+    named = {"lam": ORDERS} if name.startswith(INTEGRATES) and "lam" not in options.get("fixed", {}) else {}
+    process = Process.parse(BATCH[name])
+    return TuningRequest(process, method="time", index=index, ms_max=ms_max, bounds=named, **options)
 
 
 def keys() -> Iterator[Key]:

@@ -54,9 +54,10 @@ to the second where the best template may be used: a record that shows a templat
 MATTERS = 0.1
 """A residual that is not white, but of smaller correlation, leaves a richer model 5 % of its size to explain."""
 LEAVES_MUCH = 2.0
-"""A linear model that leaves so many times the known noise is no reason not to look for dry friction."""
+"""A model that leaves so many times the known noise is no reason not to look for dry friction."""
 LEAVES_LESS = 0.9
-"""A process that runs away is likelier than a dead band where it leaves white noise, and no more than that share."""
+"""A process that runs away and leaves white noise, or one with dry friction, is likelier than a dead band where it
+leaves no more than that share."""
 SHARPEST = 100.0
 """Where the two highest powers of a model part beyond so many radians a sample, a record shows but one of them."""
 NO_END = 30.0
@@ -212,7 +213,7 @@ class _Search:
             models += _models(record, rough, [structure_of(name) for name in RICHER])
         best = _preferred(models)
         if self.dead_band and (behind := self._behind_dead_band(record, best)):
-            return self._held_instead(record, rough, behind) or behind
+            return self._held_instead(record, rough, behind) or self._freed_instead(record, behind) or behind
         runaways: tuple[IdentifiedModel, ...] = ()
         if self.everything and self.unstable and _may_run_away(record, best, noise):
             runaways = _models(record, rough, list(UNSTABLE_STRUCTURES.values()))
@@ -223,29 +224,38 @@ class _Search:
         if refusal and runaways and _preferred(runaways).fit_pct > max(best.fit_pct, LEAST_FIT):
             best = _preferred(runaways)  # it tells more of what is amiss
             refusal = refusal_of(record, best, noise)
-        poor = refusal or 0.0 < LEAVES_MUCH * noise < best.noise
-        if poor and self.dead_band and self.unstable and (freed := self._without_friction(record, best)):
+        if self.dead_band and (refusal or self._leaves_much(best)) and (freed := self._without_friction(record, best)):
             return freed
         return _Found(models + runaways, best, refusal)
 
     def _held_instead(self, record: Record, rough: Fit, behind: _Found) -> _Found | None:
         """A process that runs away, where it leaves noise alone and a dead band more: play may pass for its loop."""
-        sought = self.everything and self.unstable and not behind.best.whiteness.white and not grows(record)
-        if not sought:
+        best = behind.best
+        explains_all = best.whiteness.white and not best.in_coloured_noise
+        if not (self.everything and self.unstable) or explains_all or grows(record):
             return None
         runaways = _models(record, rough, list(UNSTABLE_STRUCTURES.values()))
         fit = [
             each
             for each in runaways
             if each.whiteness.white
-            and each.noise < LEAVES_LESS * behind.best.noise
+            and each.noise < LEAVES_LESS * best.noise
             and not refusal_of(record, each, self.noise)
         ]
         return _Found(behind.models + runaways, _preferred(tuple(fit)), "") if fit else None
 
+    def _freed_instead(self, record: Record, behind: _Found) -> _Found | None:
+        """The same without dry friction, where a dead band leaves much more: either holds what it moves."""
+        freed = self._without_friction(record, behind.best) if self._leaves_much(behind.best) else None
+        return freed if freed and freed.best.noise < LEAVES_LESS * behind.best.noise else None
+
+    def _leaves_much(self, best: IdentifiedModel) -> bool:
+        """Whether a model leaves more than the known noise."""
+        return 0.0 < LEAVES_MUCH * self.noise < best.noise
+
     def _without_friction(self, record: Record, best: IdentifiedModel) -> _Found | None:
         """The same without the dry friction that a record speaks for; None as for a dead band."""
-        friction = friction_of(record, best.noise)
+        friction = friction_of(record, best.noise) if self.unstable else None
         if friction is None:
             return None
         flaws = Flaws(friction=friction)
@@ -268,7 +278,9 @@ class _Search:
             if found is not None and other.best.noise >= found.best.noise:
                 break
             found, best = other, other.best
-        return None if found is None or found.refusal else found
+        if found is None or found.refusal or (found.best.in_coloured_noise and self._leaves_much(found.best)):
+            return None  # noise with memory that was not there at rest is left: that is no explanation
+        return found
 
 
 def behind_slow_actuator(
