@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,7 +20,10 @@ CONTROLLER = "fopid_controller"
 def client_of(graph: Graph) -> ControllerClient:
     """That of a tuner, in the thread that spins."""
     background: Any = SimpleNamespace(
-        result=lambda ask, _: graph.result(ask()), value=lambda call, _: call(), on_executor=lambda call: call()
+        result=lambda ask, _: graph.result(ask()),
+        value=lambda call, _: call(),
+        on_executor=graph.executor.create_task,
+        start=lambda _, work: threading.Thread(target=work, daemon=True).start(),
     )
     return ControllerClient(graph.node, CONTROLLER, background)
 
@@ -50,3 +54,26 @@ def test_gains_without_a_pace_leave_it_and_a_pace_leaves_the_gains(graph: Graph)
     client.hold(Pace(3.0, 1.0))
     assert client.design().gains == Fopid(2.0, 1.0)
     assert graph.get(CONTROLLER, *PACE) == [3.0, 1.0]
+
+
+def test_gains_are_on_trial_until_they_are_confirmed_whatever_their_author_is_busy_with(graph: Graph) -> None:
+    """It spends longer than trial_timeout on other things, tries others on top, and takes these back."""
+    graph.start(CONTROLLER, {"kp": 1.0, "ki": 0.5, "trial_timeout": 1.5})
+    graph.until(lambda: CONTROLLER in graph.node.get_node_names(), "the controller")
+    client = client_of(graph)
+    first, second = RunningDesign(Fopid(2.0, 1.0)), RunningDesign(Fopid(3.0, 1.0))
+    given = client.apply(first, "trial")
+    graph.spin(2.5)
+    assert graph.get(CONTROLLER, "kp", "gains.status") == [2.0, "trial"]
+    before = client.apply(second, "trial")
+    client.apply(before)
+    graph.spin(2.5)
+    assert graph.get(CONTROLLER, "kp", "gains.status") == [2.0, "trial"]
+    client.confirm(first)
+    graph.spin(2.5)
+    assert graph.get(CONTROLLER, "kp", "gains.status") == [2.0, "verified"]
+    client.apply(second, "trial")
+    client.end_trial()
+    graph.until(lambda: graph.get(CONTROLLER, "kp", "gains.status") == [2.0, "verified"], "those that are known", 5.0)
+    client.apply(given)
+    assert graph.get(CONTROLLER, "kp") == [1.0]

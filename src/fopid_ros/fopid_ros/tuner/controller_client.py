@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.node import Node
@@ -23,6 +24,8 @@ OF_ALL_JOINTS = ("sample_time", "mode")
 ANSWER_TIME = 3.0
 """How long the controller may take to answer [s]."""
 LOOK_AGAIN = 0.05  # [s]
+RENEW_PERIOD = 0.5
+"""How often the controller is told that gains on trial still have an author [s of the wall clock]."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,8 @@ class RunningDesign:
         Of control and setpoint; None leaves it as it is.
     deadband : float or None
         Errors up to this size count as none; None leaves it as it is.
+    on_trial : bool
+        Whether they are not known to hold the loop, so that the controller goes back to others without their author.
     """
 
     gains: Fopid
@@ -47,6 +52,7 @@ class RunningDesign:
     weights: SetpointWeights | None = None
     pace: Pace | None = None
     deadband: float | None = None
+    on_trial: bool = field(default=False, compare=False)
 
     @property
     def parameters(self) -> dict[str, float | int]:
@@ -98,6 +104,7 @@ class ControllerClient:
         self._background = background
         self._client = AsyncParameterClient(node, name)
         self._origin = node.get_fully_qualified_name()
+        self._trial_ended = threading.Event()
 
     def get(self, *names: str) -> list[Any]:
         """Values of parameters, those of the joint where there is one.
@@ -133,9 +140,10 @@ class ControllerClient:
 
     def design(self) -> RunningDesign:
         """What is in force."""
-        kp, ki, kd, lam, mu, order, time, b, c, *pace, deadband = self.get(*GAINS, *FILTER, *WEIGHTS, *PACE, DEADBAND)
+        names = (*GAINS, *FILTER, *WEIGHTS, *PACE, DEADBAND, "gains.status")
+        kp, ki, kd, lam, mu, order, time, b, c, *pace, deadband, status = self.get(*names)
         gains, slow = Fopid(kp, ki, kd, lam, mu), MeasurementFilter(order, time)
-        return RunningDesign(gains, slow, SetpointWeights(b, c), Pace(*pace), deadband)
+        return RunningDesign(gains, slow, SetpointWeights(b, c), Pace(*pace), deadband, status == "trial")
 
     def apply(self, design: RunningDesign, status: str = "", certificate: str = "") -> RunningDesign:
         """Hand over a design: the controller swaps all of it between two ticks; what it ran before.
@@ -144,8 +152,9 @@ class ControllerClient:
         ----------
         design : RunningDesign
         status : str
-            ``verified``, or ``trial`` for gains that a controller which is started again must not begin with. Empty
-            for gains that were in force before: the controller knows what they are.
+            ``verified``, or ``trial`` for gains that a controller which is started again must not begin with, and goes
+            back from when this process ends; they are until ``confirm`` or the next ``apply``. Empty for gains that
+            were in force before: the controller knows what they are, or they are on trial again.
         certificate : str
             That the gains hold the loop, where there is one; kept with them.
 
@@ -156,27 +165,41 @@ class ControllerClient:
         InputError
             If it does not answer before, or refuses them.
         """
-        previous = self.design()
+        previous, status = self.design(), status or ("trial" if design.on_trial else "")
         provenance = {"gains.status": status, "gains.origin": self._origin} if status else {}
         if 0 < len(certificate) <= LONGEST_CERTIFICATE:
             provenance["gains.certificate"] = certificate
+        self.end_trial()
         self._set({**design.parameters, **provenance}, previous)
+        if status == "trial":
+            self._keep_on_trial()
         return previous
 
     def hold(self, pace: Pace) -> None:
         """Move control and setpoint no faster than that; raises as ``apply`` does."""
         self._set(_of_pace(pace), self.design())
 
-    def renew_trial(self) -> None:
-        """Say that whoever put the gains on trial lives; nothing is waited for, since it is said again and again."""
-        trial = [Parameter(self._called("gains.status"), value="trial")]
-        self._background.on_executor(lambda: self._client.set_parameters_atomically(trial))
+    def _keep_on_trial(self) -> None:
+        """Say again and again that whoever put the gains on trial lives, whatever it is busy with."""
+        trial, ended = [Parameter(self._called("gains.status"), value="trial")], threading.Event()
+
+        def renew() -> None:
+            while not ended.wait(RENEW_PERIOD):
+                self._background.on_executor(lambda: self._client.set_parameters_atomically(trial))
+
+        self._trial_ended = ended
+        self._background.start("trial", renew)
+
+    def end_trial(self) -> None:
+        """No more be the author of gains on trial: where they still are, the controller goes back from them."""
+        self._trial_ended.set()
 
     def confirm(self, design: RunningDesign) -> None:
         """The design that was on trial holds the loop; raises as ``apply`` does, and when another is in force."""
         now = self.design()
         if not now.is_same_loop(design):
             raise InputError(f"the gains were changed meanwhile, to {now.gains}, {now.filter}; they stay")
+        self.end_trial()
         self._set({"gains.status": "verified"}, now)
 
     def _set(self, values: Mapping[str, float | int | str], previous: RunningDesign) -> None:

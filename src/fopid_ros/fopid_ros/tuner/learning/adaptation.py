@@ -133,9 +133,9 @@ class Adaptation:
             return outcome  # what was learnt is not taken over: the next look tries again
         if apply:
             try:
-                outcome = gain_update.apply_and_monitor(
-                    outcome, _figures(record, controller), outcome.model.noise, ERROR_FACTOR
-                )
+                figures = _figures(record, controller)
+                outcome = gain_update.apply_and_monitor(outcome, figures, outcome.model.noise, ERROR_FACTOR)
+                outcome = gain_update.kept(outcome)
             except BaseException:
                 gain_update.roll_back()
                 raise

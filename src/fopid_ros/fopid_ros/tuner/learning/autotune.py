@@ -204,6 +204,7 @@ class Autotuner:
                 raise InputError(f"{error}; the gains from before are back") from error
             raise
         finally:
+            self._client.end_trial()
             self._tap.history.whole_since = math.inf
             self._tap.end_injection()
 
@@ -280,10 +281,12 @@ class Autotuner:
     def _prove(self, outcome: Outcome, update: GainUpdate, borne: float = math.inf) -> Outcome:
         """Move the loop as far as it was moved for the new gains; where it swings on, those from before come back.
 
-        So they do where it goes further from the setpoint than is borne while it comes to rest before.
+        So they do where it goes further from the setpoint than is borne while it comes to rest before. Until then the
+        new ones are on trial.
         """
-        if not outcome.applied:
-            return outcome
+        return update.kept(self._proved(outcome, update, borne)) if outcome.applied else outcome
+
+    def _proved(self, outcome: Outcome, update: GainUpdate, borne: float) -> Outcome:
         self._wait.begin_round("proof", (0.95, 1.0))
         pace = None
         try:
@@ -478,7 +481,7 @@ class Autotuner:
 
     def _try_out(self, trial: Trial) -> Outcome:
         asked = Outcome(success=True, message=f"{trial.design.gains} as asked")
-        return self._gain_update.try_out(trial, asked, *self._what_is_borne())
+        return self._gain_update.kept(self._gain_update.try_out(trial, asked, *self._what_is_borne()))
 
     def _what_is_borne(self) -> tuple[LoopPerformance, float, float, Callable[[Tick], str]]:
         """How the loop was, what is left of the experiment, by how much its error may grow, and what ends the watch."""

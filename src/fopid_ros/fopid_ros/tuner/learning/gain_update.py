@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -33,8 +32,6 @@ MONITORED_RESPONSES = 10.0
 SILENT = SensorNoise(0.0, 0.0)
 PROOF_SECONDS = 30.0
 """What a proof for a region may take where there is no timeout."""
-RENEW_PERIOD = 0.5
-"""How often the controller is told that gains on trial are still watched [s of the wall clock]."""
 
 
 @dataclass(frozen=True)
@@ -265,7 +262,9 @@ class GainUpdate:
         self, outcome: Outcome, before: LoopPerformance, residual_transient: float, error_factor: float,
         outside: Callable[[Tick], str] = lambda _: "",
     ) -> Outcome:  # fmt: skip
-        """Apply a design and watch the loop; the gains from before come back if it gets worse.
+        """Apply a design on trial and watch the loop; the gains from before come back if it gets worse.
+
+        It stays on trial until ``kept``.
 
         Parameters
         ----------
@@ -308,7 +307,6 @@ class GainUpdate:
         watch = self._watch(PerformanceMonitor(before, settings, self._controller.sample_time), outside)
         applied = replace(outcome, applied=True, previous=self._previous)
         if watch.verdict != "worse":
-            self._client.confirm(self._trial)
             told = f"{outcome.message}; applied with {trial.design.filter}, watched: {watch.reason}"
             told += f"; {held_to(trial.design.pace)}" if trial.design.pace else ""
             told += f"; {counting_as_none(trial.design.deadband)}" if trial.design.deadband else ""
@@ -316,6 +314,18 @@ class GainUpdate:
         self.roll_back()
         return replace(applied, success=False, applied=False, rolled_back=True,
                        message=f"the previous gains are back, since the loop got worse: {watch.reason}")  # fmt: skip
+
+    def kept(self, outcome: Outcome) -> Outcome:
+        """The design on trial is known to hold the loop, where it is still applied.
+
+        Raises
+        ------
+        InputError
+            If the controller does not answer, or other gains came meanwhile, which stay.
+        """
+        if outcome.applied and self._trial is not None:
+            self._client.confirm(self._trial)
+        return outcome
 
     def _watch(self, watch: PerformanceMonitor, outside: Callable[[Tick], str]) -> PerformanceMonitor:
         window = watch.settings.window
@@ -332,18 +342,9 @@ class GainUpdate:
             return Stage("watching", 0.75 + 0.25 * min(done / window, 1.0), window - done, deviation,
                          message=watch.reason)  # fmt: skip
 
-        renewed = time.monotonic()
-
-        def finished() -> bool:
-            nonlocal renewed
-            if time.monotonic() - renewed > RENEW_PERIOD:
-                renewed = time.monotonic()
-                self._client.renew_trial()
-            return watch.finished
-
         self._tap.set_tick_hook(hook)
         try:
-            self._wait.until(finished, stage)
+            self._wait.until(lambda: watch.finished, stage)
         finally:
             self._tap.set_tick_hook(None)
         return watch
