@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lti
 
+from fopid_core.api.learning import identify as learn
+from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.recorded_law import contradicts_law
 from fopid_core.design.recorded_tuning import tune_recorded
@@ -37,6 +39,17 @@ def test_gains_of_the_wrong_sign_are_not_handed_out(seed: int) -> None:
     found = tune_recorded(day(seed, 25_000.0), "time", {"structure": "pid"})
     gains = found.tuned.tuning.controller if found.success and found.tuned and found.tuned.tuning else None
     assert gains is None or gains.kp < 0.0
+
+
+def test_identification_is_no_success_with_a_process_that_would_not_have_been_held() -> None:
+    """The tuner's ~/identify adopted one of the wrong sign, for which ~/tune then handed out gains as verified."""
+    record = day(0, 25_000.0)
+    alone, told = identify(record), learn(record)
+    assert alone.success
+    assert alone.best is not None
+    assert alone.best.process(0j).real > 0.0
+    assert not told.success
+    assert "would not hold this process" in told.message
 
 
 def test_a_process_that_the_controller_of_the_record_would_drive_away_contradicts_it() -> None:

@@ -16,6 +16,7 @@ from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
 from fopid_core.model.stability import stability
 from fopid_core.runtime.controller import ControllerSettings, FopidController, with_gains
+from fopid_core.runtime.filter_bank import Band
 from fopid_core.runtime.plant import Plant, PlantSettings
 
 from .brute_force import BruteForce, Kind
@@ -123,6 +124,34 @@ def test_new_weights_and_filters_do_not_step_the_control_either(change: dict) ->
         signals = (2.0, 1 - math.exp(-0.02 * k))
         step = changing.step(*signals) - unchanged.step(*signals)
         assert abs(step) < (1e-9 if k < 200 else 0.02 if k == 200 else 1.0)
+
+
+@pytest.mark.parametrize(
+    ("filter_time", "change"),
+    [
+        (0.0, {"band": Band(1e-3, 1e2, 12)}),
+        (0.0, {"horizon": 50.0}),
+        (1.0, {"measurement_filter_order": 0}),
+        (1.0, {"measurement_filter_time": 0.0}),
+        (1.0, {"measurement_filter_time": 0.1}),
+        (1.0, {"measurement_filter_order": 0, "deadband": 2.0}),
+    ],
+)
+@pytest.mark.parametrize("slope", [0.0, 1.0])
+def test_neither_a_new_band_nor_a_faster_filter_is_a_jump_of_the_measurement(
+    filter_time: float, change: dict, slope: float
+) -> None:
+    """A band moved the control from 164 to -947, a filter that was taken off a ramp by 27."""
+    config = ControllerSettings(
+        Fopid(1.0, 0.5, 0.2), H, derivative_setpoint_weight=0.0, measurement_filter_order=1,
+        measurement_filter_time=filter_time, deadband=change.get("deadband", 0.0),
+    )  # fmt: skip
+    changing, unchanged = FopidController(config), FopidController(config)
+    for k in range(2020):
+        if k == 2000:
+            changing.reconfigure(replace(config, **change))
+        signals = (60.0, 50.0 * (1.0 - math.exp(-H * k)) + slope * H * k)
+        assert abs(changing.step(*signals) - unchanged.step(*signals)) < 0.6
 
 
 @pytest.mark.parametrize("mu", [1.0, 1.25])

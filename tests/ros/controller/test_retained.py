@@ -243,6 +243,23 @@ def test_gains_on_trial_that_are_taken_back_are_what_they_were_before(graph: Gra
     graph.until(lambda: Retainer(tmp_path, NODE).read().gains["kp"] == 7.0, "the confirmed ones")
 
 
+def test_a_file_that_is_saved_has_no_gains_on_trial_and_those_that_begin_so_are_somebodys(
+    graph: Graph, tmp_path: Path
+) -> None:
+    """They were on trial for ever after the next start: there were no others to go back to."""
+    first = start(graph, tmp_path, gains_file="here.yaml", trial_timeout=1.0)
+    assert graph.set(NAME, kp=2.0, gains__status="verified", gains__origin="x").successful
+    assert graph.set(NAME, kp=7.0, gains__status="trial", gains__origin="y").successful
+    assert graph.call(Trigger, f"{NAME}/save_gains").success
+    saved = (tmp_path / "here.yaml").read_text()
+    assert "\n    kp: 2.0\n" in saved
+    assert "gains.status: 'verified'" in saved
+    os.kill(first.pid, signal.SIGKILL)
+    graph.start(NAME, {"kp": 3.0, "gains.status": "trial", "trial_timeout": 1.0})
+    graph.await_restarted(NAME)
+    graph.until(lambda: graph.get(NAME, "kp", "gains.status") == [3.0, "set"], "the end of the trial", 10.0)
+
+
 @pytest.mark.parametrize(
     ("parameters", "told"),
     [({"retain": True}, "directory; allowed with retain"), ({"gains_file": "../x"}, "gains_file = '../x'")],

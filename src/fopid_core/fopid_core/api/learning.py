@@ -136,6 +136,7 @@ def identify(
     """
     from fopid_core.design.identification import identify as identification
     from fopid_core.design.identification.record import Record as Signals
+    from fopid_core.design.response_verification import checked
 
     signals = (time, control, measurement)
     if (record is None) == all(signal is None for signal in signals):
@@ -154,4 +155,4 @@ def identify(
         from fopid_core.study.records import read_record
 
         found = read_record(record, control_before=control_before, columns=columns)
-    return identification.identify(found, template)
+    return checked(found, identification.identify(found, template))

@@ -50,13 +50,13 @@ def identify_verb(
     from fopid_core.design.identification.frequency_response import frequency_response
     from fopid_core.design.identification.identify import identify
     from fopid_core.design.identification.noise import sensor_noise
-    from fopid_core.design.response_verification import doubt_of, is_not_of
+    from fopid_core.design.response_verification import checked, doubt_of
     from fopid_core.study.records import read_record
 
     signals = read_record(record, namespace, control_before, columns)
     signals = signals.part(first, last) if (first, last) != (-math.inf, math.inf) else signals
     sensor = sensor_noise(signals)
-    found = identify(signals, template, noise=sensor.level if sensor.at_rest else 0.0)
+    found = checked(signals, identify(signals, template, noise=sensor.level if sensor.at_rest else 0.0))
     behind = found.behind_actuator(signals)
     seen = frequency_response(behind)
     if plot and found.best:
@@ -65,11 +65,9 @@ def identify_verb(
         plot_fit(found.best, behind, plot, seen)
     models = [_rows(model) for model in found.models]
     best = found.best
-    wrong = is_not_of(signals, found, best) if found.success and best else ""
-    doubt = wrong or (doubt_of(behind, best) if found.success and best else "")
-    success = found.success and not wrong
+    doubt = doubt_of(behind, best) if found.success and best else ""
     verdict = {
-        "success": success,
+        "success": found.success,
         "message": "; ".join(told for told in (found.message, doubt) if told),
         "template": best.template if best else None,
         "process": str(best.process) if best else None,
@@ -91,10 +89,10 @@ def identify_verb(
         tables.append(("Frequency response without a model: gain and angle, 95 %", _shown(response)))
     emit(
         verdict | {"models": models, "frequency_response": response},
-        [*tables, ("Identified" if success else "Refused", shown)],
+        [*tables, ("Identified" if found.success else "Refused", shown)],
         as_json,
     )
-    if not success:
+    if not found.success:
         click.get_current_context().exit(CANNOT_BE_MET)
 
 

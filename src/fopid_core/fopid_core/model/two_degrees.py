@@ -61,6 +61,11 @@ class MeasurementFilter:
         return self.order == 0 or self.time == 0.0
 
     @property
+    def lag(self) -> float:
+        """How far it lags behind [s]."""
+        return 0.0 if self.is_idle else self.time
+
+    @property
     def denominator(self) -> QuasiPolynomial:
         """1 / F(s)."""
         return QuasiPolynomial.polynomial(filter_coefficients(self.order, self.time)[::-1])

@@ -18,7 +18,7 @@ from fopid_core.runtime.measurement_filter import RunningFilter
 from fopid_core.runtime.operators import Operators
 from fopid_core.runtime.reading import Reading
 from fopid_core.runtime.sampled_derivative import derivative_weights
-from fopid_core.runtime.settings import LARGEST, LOWEST, AntiWindup, ControllerSettings, with_gains
+from fopid_core.runtime.settings import LARGEST, LOWEST, AntiWindup, ControllerSettings, refused, with_gains
 from fopid_core.runtime.variable_step import VariableOperators, check_interval
 
 __all__ = ["AntiWindup", "ControllerSettings", "ControllerState", "FopidController", "Mode", "with_gains"]
@@ -96,8 +96,7 @@ class FopidController:
         """
         state, before = self.state, self._settings
         old = self._settle() if settings.gains != before.gains else self._parts
-        had = before.measurement_filter_time if before.measurement_filter_order else 0.0
-        slower = settings.measurement_filter_order > 0 and settings.measurement_filter_time > had
+        slower = settings.measurement_filter.lag > before.measurement_filter.lag
         if slower and settings.bumpless and self._started:
             self._operators.forget_faster(settings.measurement_filter_time)
             self._read(*self._operators.read())
@@ -155,7 +154,7 @@ class FopidController:
         if mode == "auto" and state.mode == "manual":
             parts = state.proportional + state.integral + state.derivative + state.feedforward
             self._shift_bias(state.control - parts)
-            self._forgive()
+            self._owed, self._ticks_to_pay = 0.0, 0  # it stays in the bias
         state.mode = mode
 
     def step(
@@ -207,12 +206,12 @@ class FopidController:
             and LOWEST <= feedforward <= LARGEST
             and LOWEST <= manual <= LARGEST
         ):
-            raise _refused(setpoint=setpoint, measurement=measurement, feedforward=feedforward, manual=manual)
+            raise refused(setpoint=setpoint, measurement=measurement, feedforward=feedforward, manual=manual)
         state = self.state
         self._last = last = state.control
         if tracking is not None:
             if not LOWEST <= tracking <= LARGEST:
-                raise _refused(tracking=tracking)
+                raise refused(tracking=tracking)
             self._last = last = tracking
         if self._wraps:
             if self._started:
@@ -298,7 +297,7 @@ class FopidController:
         state = self.state
         if state.mode == "manual":
             if not LOWEST <= manual <= LARGEST:
-                raise _refused(manual=manual)
+                raise refused(manual=manual)
             self._control_move_max = self._settings.control_rate_max * self._settings.sample_time
             control = self._limit(manual, state.control)
             state.control_unlimited, state.control, state.saturated = manual, control, control != manual
@@ -331,7 +330,7 @@ class FopidController:
         state = self.state
         wanted = state.control if control is None else control
         if not LOWEST <= wanted <= LARGEST:
-            raise _refused(control=wanted)
+            raise refused(control=wanted)
         held = self._limit(wanted, state.control)
         state.control_unlimited, state.control, state.saturated = wanted, held, held != wanted
         self._owe(held - state.proportional - state.integral - state.derivative - state.feedforward)
@@ -401,15 +400,31 @@ class FopidController:
             step = operators.copy_state(self._operators)
             self._shift += step
             self._differentiated -= step
+        elif self._arguments:  # they know nothing of the past, so that where the signal is now is no jump from zero
+            self._shift += self._differentiated
+            self._differentiated = 0.0
         self._operators, self._arguments = operators, arguments
 
     def _provide_filter(self, settings: ControllerSettings) -> None:
         wanted, kept = settings.measurement_filter, self._filter
+        if kept is not None and self._started and wanted.lag < kept.wanted[0].lag:
+            self._catch_up()
         if wanted.is_idle:
             self._filter = None
         elif kept is None or kept.wanted != (wanted, settings.sample_time):
             self._filter = RunningFilter(wanted, settings.sample_time)
             self._filter.rest_at(self._filtered)
+
+    def _catch_up(self) -> None:
+        """That the filter of the measurement lagged behind is no jump of the measurement, nor of the error."""
+        state = self.state
+        state.error += self._error(state.setpoint, state.measurement) - self._error(state.setpoint, self._filtered)
+        self._shift -= state.measurement - self._filtered
+        self._filtered = state.measurement
+
+    def _error(self, setpoint: float, measurement: float) -> float:
+        error = setpoint - measurement
+        return error - _limited(error, -self._deadband, self._deadband) if self._deadband else error
 
     def _behind_filter(self, slow: RunningFilter, measurement: float) -> float:
         """The measurement behind its filter, which begins anew after a hold."""
@@ -427,10 +442,7 @@ class FopidController:
     def _advance(self, setpoint: float, measurement: float, excess: float, tracks: bool) -> tuple[float, float, float]:
         """What is to be integrated, differentiated and corrected at this tick."""
         correction = self._windup_excess(excess) if excess else 0.0
-        error = setpoint - measurement
-        if self._deadband:
-            error -= _limited(error, -self._deadband, self._deadband)
-        self.state.error = error
+        self.state.error = error = self._error(setpoint, measurement)
         asked = setpoint - self._origin
         changing = self._derivative_weight * asked - (measurement - self._origin) - self._shift
         if self._held:
@@ -473,14 +485,10 @@ class FopidController:
     def _pay_back(self) -> None:
         """After holds, one tick's part of what they left; an integral, where there is one, does so by itself."""
         if self._integrates:
-            self._forgive()
+            self._owed, self._ticks_to_pay = 0.0, 0  # it stays in the bias
             return
         self._owe(-self._owed / self._ticks_to_pay)
         self._ticks_to_pay -= 1
-
-    def _forgive(self) -> None:
-        """What holds left in the bias stays there."""
-        self._owed, self._ticks_to_pay = 0.0, 0
 
     def _limit(self, wanted: float, last: float) -> float:
         limited = _limited(wanted, self._low, self._high)
@@ -489,8 +497,3 @@ class FopidController:
 
 def _limited(value: float, low: float, high: float) -> float:
     return low if value < low else high if value > high else value
-
-
-def _refused(**signals: float) -> InputError:
-    given = ", ".join(f"{name} = {value}" for name, value in signals.items())
-    return InputError(f"{given}; allowed: finite numbers, {LOWEST:g} to {LARGEST:g}")

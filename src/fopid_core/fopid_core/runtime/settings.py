@@ -173,3 +173,9 @@ def as_designed(
 def with_gains(settings: ControllerSettings, gains: Fopid) -> ControllerSettings:
     """The same settings with other gains."""
     return replace(settings, gains=gains)
+
+
+def refused(**signals: float) -> InputError:
+    """The error for signals of which one is not finite, or beyond what is computed with."""
+    given = ", ".join(f"{name} = {value}" for name, value in signals.items())
+    return InputError(f"{given}; allowed: finite numbers, {LOWEST:g} to {LARGEST:g}")

@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
@@ -78,10 +79,11 @@ class Endpoints:
         self._opened.append((opened, self._node.destroy_subscription))
         return opened
 
-    def service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+    def service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> Service:
         """Open a service."""
         opened = self._node.create_service(kind, name, callback)
         self._opened.append((opened, self._node.destroy_service))
+        return opened
 
     def timer(
         self, period: float, callback: Callable[[], None], clock: Clock, group: CallbackGroup | None = None

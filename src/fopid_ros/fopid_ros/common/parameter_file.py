@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import threading
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -59,7 +60,7 @@ def write_parameter_file(path: Path, node: str, values: Mapping[str, Value]) -> 
     """
     target = _target(path)
     text = parameter_text(node, values)
-    temporary = target.with_name(f".{target.name}.{os.getpid()}")
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.{threading.get_ident()}")
     try:
         with temporary.open("w", encoding="utf-8") as file:
             file.write(text)

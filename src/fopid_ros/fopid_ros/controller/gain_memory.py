@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,9 @@ class GainMemory:
         self._name = "/".join(filter(None, (node.get_fully_qualified_name(), joint)))
         self._what = f"gains of {joint}" if joint else "gains"
         values = self._own(node.values())
-        self._known = Retained.of(self._name, values)
+        known = Retained.of(self._name, values)
+        # Gains that begin on trial have no others to go back to.
+        self._known = replace(known, status="set") if known.status == "trial" else known
         self._retainer = Retainer(Path(values["directory"]), self._name) if values["retain"] else None
         self._trial_told_at = time.monotonic()
         self.abandoned_trials = 0
@@ -109,6 +112,11 @@ class GainMemory:
             f"for {silence:.3g} s; trial_timeout = {longest:g}: back to {self._known}"
         )
         return self._called(self._known.parameters)
+
+    def lasting(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The parameters in place of those of gains on trial, for a file; else none."""
+        on_trial = self._own(values)["gains.status"] == "trial"
+        return self._called(self._known.parameters) if on_trial else {}
 
     @property
     def trouble(self) -> str:

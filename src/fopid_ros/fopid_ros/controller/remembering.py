@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from fopid_core.errors import InputError
+from fopid_ros.common.background import Later
 from fopid_ros.common.managed_node import ManagedNode
 from fopid_ros.common.parameter_file import write_parameter_file
 from fopid_ros.common.parameters import converted
@@ -45,7 +46,8 @@ class RememberingNode(ManagedNode):
 
     def open_memories(self) -> None:
         """Offer ~/save_gains, and look after gains on trial."""
-        self.endpoints.service(Trigger, "~/save_gains", self._on_save_gains)
+        save = self.endpoints.service(Trigger, "~/save_gains", self._on_save_gains)
+        self.background.may_answer_later(save)
         self.endpoints.timer(TRIAL_LOOK_PERIOD, self._end_abandoned_trials, Clock(clock_type=ClockType.STEADY_TIME))
         self.take_gains(self._values)
 
@@ -77,7 +79,8 @@ class RememberingNode(ManagedNode):
         """For the diagnostics."""
         return {name: fact for one in self._memories for name, fact in one.facts(values).items()}
 
-    def _on_save_gains(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_save_gains(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response | Later:
+        """Write the parameters, with the gains from before where others are on trial; a disk may take its time."""
         values = self._values
         directory, name = values["directory"], values["gains_file"]
         if not directory or not name:
@@ -89,13 +92,21 @@ class RememberingNode(ManagedNode):
             response.message = f"gains_file = {name!r} is a link out of directory; allowed: a file in it"
             return response
         everything = {name: parameter.value for name, parameter in self.get_parameters_by_prefix("").items()}
-        try:
-            write_parameter_file(Path(directory, name), self.get_fully_qualified_name(), everything)
-        except OSError as error:
-            response.message = f"gains_file = {name!r}: {error.strerror}; nothing was changed"
-            return response
-        response.success, response.message = True, name
-        return response
+        for memory in self._memories:
+            everything |= memory.lasting(everything)
+        later = Later(self.background)
+
+        def write() -> None:
+            try:
+                write_parameter_file(Path(directory, name), self.get_fully_qualified_name(), everything)
+            except OSError as error:
+                response.message = f"gains_file = {name!r}: {error.strerror}; nothing was changed"
+            else:
+                response.success, response.message = True, name
+            later.give(response)
+
+        self.background.start("save_gains", write)
+        return later
 
 
 def _as_parameters(values: Mapping[str, Any]) -> list[Parameter]:

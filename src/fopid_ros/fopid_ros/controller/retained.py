@@ -106,20 +106,21 @@ def with_provenance(
 ) -> dict[str, Any]:  # fmt: skip
     """Changes of parameters, with what is known of the loop with them when it is not said.
 
-    Gains that were in force before, behind the same filter, keep their provenance when they come back.
+    Gains that were in force before, behind the same filter and in the same band, keep their provenance when they come
+    back.
 
     Examples
     --------
-    >>> present = dict(zip(LOOP, (1.0, 0.0, 0.0, 1.0, 1.0, 0, 0.0))) | PROVENANCE | {"gains.status": "verified"}
+    >>> present = dict.fromkeys((*LOOP, *BASIS), 1.0) | PROVENANCE | {"gains.status": "verified"}
     >>> with_provenance({"kp": 2.0}, present, None)
     {'gains.status': 'set', 'kp': 2.0}
     >>> with_provenance({"kp": 1.0}, present, None)
     {'kp': 1.0}
     """
-    after = {name: changes.get(name, present[name]) for name in LOOP}
-    if all(after[name] == present[name] for name in LOOP):
+    after = {name: changes.get(name, present[name]) for name in (*LOOP, *BASIS)}
+    if all(value == present[name] for name, value in after.items()):
         return dict(changes)
-    is_known = known is not None and all(after[name] == known.gains[name] for name in LOOP)
+    is_known = known is not None and after.items() <= {**known.gains, **known.basis}.items()
     told = known.parameters if known is not None and is_known else PROVENANCE
     if "gains.status" in changes:
         told = PROVENANCE

@@ -33,7 +33,7 @@ from fopid_ros.tuner.handover import proof, refusal
 from fopid_ros.tuner.heard import Heard, hear
 from fopid_ros.tuner.jobs import Job, Jobs
 from fopid_ros.tuner.learning.loop_tap import LoopTap
-from fopid_ros.tuner.learning.loop_wait import CancelledError, LoopWait, Stage
+from fopid_ros.tuner.learning.loop_wait import CancelledError, LoopWait, OpenLoopError, Stage
 from fopid_ros.tuner.learning.reach import NOT_MOVED
 from fopid_ros.tuner.messages import (
     autotune_request,
@@ -96,7 +96,7 @@ class TunerNode(ManagedNode):
             self.background.may_answer_later(self.create_service(kind, f"~/{name}", self._answering(name, jobs, work)))
         self._action = BackgroundActionServer(
             self, Autotune, "~/autotune", self._on_autotune, self.background,
-            goal_callback=self._on_goal, cancel_callback=self._on_cancel,
+            goal_callback=self._on_goal, handle_accepted_callback=self._on_accepted, cancel_callback=self._on_cancel,
         )  # fmt: skip
         self._tap: LoopTap | None = None
         self._adaptation: Adaptation | None = None
@@ -178,10 +178,11 @@ class TunerNode(ManagedNode):
 
             job = Job(name, give_up)
             nothing_known(response)
-            refused = self._refuse(job, jobs)
+            refused = self._no_room(jobs)
             if refused:
                 response.message = refused
                 return response
+            jobs.begin(job)
 
             def thread() -> None:
                 self._work(job, jobs, lambda: work(request, response, job), response)
@@ -192,19 +193,20 @@ class TunerNode(ManagedNode):
 
         return asked
 
-    def _refuse(self, job: Job, jobs: Jobs) -> str:
-        """Why there is no room for a job; empty when it has it."""
+    def _no_room(self, jobs: Jobs) -> str:
+        """Why there is no room for a job; empty where there is, until the executor's thread gives it to one."""
         if not self._active:
             return "the node is not active; allowed: requests to an active node"
-        return "" if jobs.begin(job) else BUSY
+        return BUSY if jobs.current else ""
 
     def _work(self, job: Job, jobs: Jobs, work: Callable[[], None], response: Any) -> None:
         """Do a job that has room; what is wrong with it is said in the response's message."""
         try:
             work()
-        except InputError as error:
+        except (InputError, OpenLoopError) as error:
             response.message = brief(str(error))
-            self.get_logger().warning(f"refused: {response.message}")
+            if job.name != "adapt" or response.message != self._learner().message:  # it asks each second
+                self.get_logger().warning(f"refused: {response.message}")
         except CancelledError:
             response.message = f"{job.name} was cancelled: {job.why or 'as asked'}; gains and control are as they were"
         except Exception as error:  # noqa: BLE001  (no request ends the node)
@@ -221,7 +223,7 @@ class TunerNode(ManagedNode):
         own = request.apply or not request.process  # else it is about another process than the loop's
         heard = hear(self._tap.history, self._controller, wanted) if own else Heard()
         wanted, result, told = self._tuned(heard.bounded(wanted), heard, job)
-        applied = self._apply(wanted, result, values) if request.apply else Applied(False, "")
+        applied = self._apply(wanted, result, values, job) if request.apply else Applied(False, "")
         response.success = result.success and (applied.done or not request.apply)
         response.applied = applied.done
         response.message = "; ".join(text for text in (result.message, told, applied.message) if text)
@@ -250,7 +252,7 @@ class TunerNode(ManagedNode):
         job.go_on()
         return wanted, result, heard.told_with(heard.excess(wanted, result))
 
-    def _apply(self, wanted: TuningRequest, result: TuningResult, values: dict[str, Any]) -> Applied:
+    def _apply(self, wanted: TuningRequest, result: TuningResult, values: dict[str, Any], job: Job) -> Applied:
         """Hand over a design with its filter, if it is fit for the controller's own ticks and proved where asked.
 
         Its setpoint weights too where they were part of the tuning.
@@ -265,6 +267,7 @@ class TunerNode(ManagedNode):
             certificate, refused = ("", refused) if refused else proof(wanted, result, values)
             if refused:
                 return Applied(False, refused)
+            job.go_on()  # a proof takes long
             previous = self._controller.apply(RunningDesign(result.controller, result.filter, weights), "verified",
                                               certificate)  # fmt: skip
         except InputError as error:
@@ -302,10 +305,12 @@ class TunerNode(ManagedNode):
 
     def _identify(self, request: Identify.Request, response: Identify.Response, job: Job) -> None:
         from fopid_core.design.identification.identify import identify
+        from fopid_core.design.response_verification import checked
 
-        now = self.get_clock().now().nanoseconds * 1e-9
-        since = now - request.duration if request.duration else -math.inf
-        found = identify(self._tap.history.record(since), request.template_name or "all")
+        history = self._tap.history  # its time is that of the signals' stamps
+        since = history.newest_time("control") - request.duration if request.duration else -math.inf
+        record = history.record(since)
+        found = checked(record, identify(record, request.template_name or "all"))
         job.go_on()
         if found.success and request.adopt:
             self._adopt(found.best)
@@ -314,12 +319,17 @@ class TunerNode(ManagedNode):
         response.success, response.message, response.elapsed = found.success, found.message, found.elapsed
 
     def _on_goal(self, goal: Autotune.Goal) -> GoalResponse:
-        """A goal for which there is no room is rejected; one that is accepted has it."""
-        refused = self._refuse(Job("autotune"), self._room(goal))
+        """A goal for which there is no room is rejected."""
+        refused = self._no_room(self._room(goal))
         if refused:
             self.get_logger().warning(f"autotune: goal rejected: {refused}")
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
+
+    def _on_accepted(self, goal: ServerGoalHandle) -> None:
+        """One that is accepted has it, and begins; one whose client cannot be told is dropped before this."""
+        self._room(goal.request).begin(Job("autotune"))
+        goal.execute()
 
     def _room(self, goal: Autotune.Goal) -> Jobs:
         """A plan keeps nobody from working: it leaves the loop alone."""
@@ -391,8 +401,9 @@ class TunerNode(ManagedNode):
         if self.get_parameter("adapt").value == "off" or math.isnan(self._tap.history.newest("control")):
             return
         job = Job("adapt")
-        if self._refuse(job, self._jobs):
+        if self._no_room(self._jobs):
             return
+        self._jobs.begin(job)
         said = Autotune.Result()
 
         def thread() -> None:

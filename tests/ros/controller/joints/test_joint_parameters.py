@@ -8,8 +8,10 @@ import pytest
 
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
+from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.settings import ControllerSettings
 from fopid_ros.common.signals import SignalType
+from fopid_ros.controller.joints.joint import Joint
 from fopid_ros.controller.joints.parameters import OF_A_JOINT, OF_ALL, joint_settings, joint_specs, signal_types
 from fopid_ros.controller.parameters import SPECS, controller_settings
 
@@ -41,3 +43,20 @@ def test_names_of_the_messages_may_differ_from_those_of_the_joints() -> None:
     for given in (["a", "a"], ["a"]):
         with pytest.raises(InputError, match="reference_and_state_dof_names"):
             signal_types(values(reference_and_state_dof_names=given))
+
+
+def test_a_control_that_comes_back_some_ticks_late_is_no_limit_of_a_joint() -> None:
+    """It moved at a third of its rate with an effort that was read three ticks late; a single controller did not."""
+    joint = Joint("elbow", FopidController(ControllerSettings(Fopid(2.0), control_rate_max=1.0)))
+    for one, value in ((joint.setpoint, 1.0), (joint.measurement, 0.0)):
+        one.take(value, 0)
+    controls: list[float] = []
+    for tick in range(8):
+        if tick > 3:
+            joint.tracking.take(controls[tick - 3], 0)
+        signals = joint.signals(0, contested=False)
+        assert signals is not None
+        assert signals[-1] is None
+        controls.append(joint.controller.step(*signals[:3], manual=signals[3], tracking=signals[4]))
+    joint.tracking.take(0.5, 0)
+    assert joint.signals(0, contested=False)[-1] == 0.5

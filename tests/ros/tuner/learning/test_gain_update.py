@@ -297,6 +297,38 @@ def test_what_is_not_to_be_borne_ends_the_trial_at_once(learnt: IdentificationRe
     assert running.applied[-1] == OLD
 
 
+def test_gains_that_a_person_sets_while_the_trial_swings_have_the_last_word(learnt: IdentificationResult) -> None:
+    """The loop was said to have the gains from before, and others were tried over those of the person."""
+    running = Running(lambda _: 1.0)
+    gain_update, outcome = handed_over(running, learnt)
+
+    def stepping_in(_: Tick) -> str:
+        running.applied.append(ANOTHERS)
+        return "left its band"
+
+    with pytest.raises(InputError, match="the gains were changed meanwhile; they stay"):
+        gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0, stepping_in)
+    assert not gain_update.roll_back()
+    assert running.applied[-1] == ANOTHERS
+
+
+def test_a_lost_answer_does_not_end_taking_back(learnt: IdentificationResult) -> None:
+    running = Running(lambda _: 1.0, cancelled_at=0.1)
+    gain_update, outcome = handed_over(running, learnt)
+    with pytest.raises(CancelledError):
+        gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
+
+    def lost(*_: object) -> RunningDesign:
+        raise InputError("no answer")
+
+    apply, running.apply = running.apply, lost  # type: ignore[method-assign]
+    with pytest.raises(InputError, match="could not be put back"):
+        gain_update.roll_back()
+    running.apply = apply  # type: ignore[method-assign]
+    assert gain_update.roll_back()
+    assert running.applied[-1] == OLD
+
+
 def test_a_trial_that_is_cancelled_can_be_taken_back(learnt: IdentificationResult) -> None:
     running = Running(lambda _: 1.0, cancelled_at=0.1)
     gain_update, outcome = handed_over(running, learnt)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from fopid_core.runtime.cascade import TrackingInput
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.controller_bank import Signals
 from fopid_ros.common.inputs import Input
@@ -33,7 +34,7 @@ class Joint:
         self.name, self.controller = name, controller
         self.setpoint, self.measurement = Input(f"setpoint of {name}"), Input(f"measurement of {name}")
         self.feedforward, self.manual = Input(f"feedforward of {name}", 0.0), Input(f"manual_control of {name}")
-        self.tracking = Input(f"tracking of {name}")
+        self.tracking, self._limited = Input(f"tracking of {name}"), TrackingInput()
         self.inputs = {
             "setpoint": self.setpoint, "measurement": self.measurement, "feedforward": self.feedforward,
             "manual_control": self.manual, "tracking": self.tracking,
@@ -65,6 +66,7 @@ class Joint:
         """What its controller takes at this tick; None once it holds a control instead."""
         controller, manual = self.controller, self.manual
         state = controller.state
+        self._limited.sent(state.control)
         if not (self.setpoint.usable(now_ns) and self.measurement.usable(now_ns)) or contested or state.mode != "auto":
             self._look(now_ns)
             if self.unusable or contested:
@@ -78,7 +80,7 @@ class Joint:
         return (
             self.setpoint.value, self.measurement.value, self.feedforward.faded(now_ns),
             state.control if manual.missing else manual.value,
-            self.tracking.value if self.tracking.usable(now_ns) else None,
+            self._limited.limit(self.tracking.value) if self.tracking.usable(now_ns) else None,
         )  # fmt: skip
 
     def _look(self, now_ns: int) -> None:

@@ -12,7 +12,7 @@ from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.record import Record
-from fopid_core.design.response_verification import is_not_of
+from fopid_core.design.response_verification import checked
 from fopid_core.errors import InputError
 from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
 from fopid_ros.tuner.controller_client import ControllerClient
@@ -112,12 +112,9 @@ class Adaptation:
         return self._tap.history.record(now - window)
 
     def _identify_first_model(self, record: Record) -> Outcome | None:
-        found = identify(record, unstable=False)
+        found = checked(record, identify(record, unstable=False))
         self.message = found.message
         if found.best is None or not found.success:
-            return None
-        if wrong := is_not_of(record, found, found.best):
-            self.message = f"{found.message}; {wrong}"
             return None
         self.set_model(found.best)
         return Outcome(True, f"the process is known now: {found.message}", model=found.best)

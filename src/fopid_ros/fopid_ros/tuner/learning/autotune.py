@@ -33,7 +33,7 @@ from fopid_ros.tuner.learning.gain_update import (
 )
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
-from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
+from fopid_ros.tuner.learning.loop_wait import LoopWait, OpenLoopError, Stage
 from fopid_ros.tuner.learning.proof import Proof
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 from fopid_ros.tuner.learning.running_controller import RunningController, read_running_controller
@@ -190,7 +190,9 @@ class Autotuner:
         Raises
         ------
         InputError
-            If the loop does not rest, or stands still.
+            If the loop does not rest, or something else is amiss.
+        OpenLoopError
+            If it stands still, or its controller does not close it.
         CancelledError
             After everything has been put back.
         """
@@ -200,7 +202,7 @@ class Autotuner:
             return self._try_others(outcome) if outcome.rolled_back else outcome
         except BaseException as error:
             put_back = [update.roll_back() for update in reversed(self._updates)]
-            if any(put_back) and isinstance(error, InputError):
+            if any(put_back) and isinstance(error, InputError | OpenLoopError):
                 raise InputError(f"{error}; the gains from before are back") from error
             raise
         finally:
@@ -370,7 +372,7 @@ class Autotuner:
         return pace, trial.refusal(new, pace)
 
     def _taken_back(self, outcome: Outcome, update: GainUpdate, against: str) -> Outcome:
-        update.roll_back()
+        update.take_back()
         self._gain_update = update
         told = f"the previous gains are back, since with the new ones {against}"
         return replace(outcome, success=False, applied=False, rolled_back=True, message=told)

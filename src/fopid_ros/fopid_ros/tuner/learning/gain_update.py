@@ -311,7 +311,7 @@ class GainUpdate:
             told += f"; {held_to(trial.design.pace)}" if trial.design.pace else ""
             told += f"; {counting_as_none(trial.design.deadband)}" if trial.design.deadband else ""
             return replace(applied, message=told)
-        self.roll_back()
+        self.take_back()
         return replace(applied, success=False, applied=False, rolled_back=True,
                        message=f"the previous gains are back, since the loop got worse: {watch.reason}")  # fmt: skip
 
@@ -349,6 +349,17 @@ class GainUpdate:
             self._tap.set_tick_hook(None)
         return watch
 
+    def take_back(self) -> None:
+        """The gains from before, in place of those on trial.
+
+        Raises
+        ------
+        InputError
+            If other gains came meanwhile, which stay, or the controller does not take them.
+        """
+        if not self.roll_back():
+            raise InputError("the gains were changed meanwhile; they stay")
+
     def roll_back(self) -> bool:
         """The gains from before, where those on trial are in force; others that came meanwhile stay.
 
@@ -364,12 +375,13 @@ class GainUpdate:
         """
         if self._previous is None or self._trial is None:
             return False
-        before, self._previous = self._previous, None
+        before = self._previous
         try:
             now = self._client.design()
-            if now.is_same_loop(self._trial) or now.is_same_loop(before):  # those on trial may still be on their way
+            ours = now.is_same_loop(self._trial) or now.is_same_loop(before)  # those on trial may still be on their way
+            if ours:
                 self._client.apply(before)
-                return True
-            return False
         except InputError as error:
             raise InputError(f"the previous gains, {before.gains}, could not be put back: {error}") from None
+        self._previous = None
+        return ours

@@ -34,7 +34,14 @@ STATE = Layout(FopidState)
 HEARD = ("measurement", "control")
 
 SPECS = (
-    Spec("history", 600.0, "signals kept for ~/identify and ~/autotune [s]; 0 to listen to none", 0.0, 1e6),
+    Spec(
+        "history",
+        600.0,
+        "signals kept for ~/identify and ~/autotune [s]; 0 to listen to none",
+        0.0,
+        1e6,
+        at_configure=True,
+    ),
     *(spec for name in (*HEARD, INJECTION) for spec in signal_specs(name)),
     Spec(
         "angle_wraparound",

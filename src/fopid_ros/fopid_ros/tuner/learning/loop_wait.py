@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from fopid_core.errors import InputError
 from fopid_ros.tuner.learning.loop_tap import LoopTap
 
 STALL_TIME, STALL_TICKS = 3.0, 5.0
@@ -15,6 +14,10 @@ OPEN_TIME = 1.0
 """So long a controller may go without a fresh measurement or setpoint, or in manual mode [s of the wall clock]."""
 REPORT_PERIOD = 0.2
 """How often the one who asked is told [s]."""
+
+
+class OpenLoopError(Exception):
+    """The loop stands still, or its controller does not close it: nothing is known any more of gains on trial in it."""
 
 
 class CancelledError(Exception):
@@ -72,7 +75,7 @@ class LoopWait:
         ------
         CancelledError
             If an end has been asked for.
-        InputError
+        OpenLoopError
             If the loop stands still, or its controller does not close it.
         """
         begun = last_tick = last_report = time.monotonic()
@@ -84,12 +87,12 @@ class LoopWait:
                 last_tick = time.monotonic()
             elif time.monotonic() - last_tick > stalled:
                 unheard = f"no {self._tap.unheard} heard for {stalled:g} s"
-                raise InputError(
+                raise OpenLoopError(
                     f"{unheard}; allowed: a loop that runs (/diagnostics says what its controller waits for)"
                 )
             been_open, because = self._tap.open_loop(begun)
             if been_open > OPEN_TIME:
-                raise InputError(f"the controller {because}; allowed: a loop that runs")
+                raise OpenLoopError(f"the controller {because}; allowed: a loop that runs")
             if time.monotonic() - last_report > REPORT_PERIOD:
                 last_report = time.monotonic()
                 self.report(stage())
