@@ -167,7 +167,7 @@ class VirtualLoop:
     def hold(self, pace: Pace) -> None:
         self.set(control_rate_max=pace.control, setpoint_rate_max=pace.setpoint)
 
-    def renew_trial(self) -> None:
+    def end_trial(self) -> None:
         pass
 
     def confirm(self, design: RunningDesign) -> None:
