@@ -155,4 +155,4 @@ def identify(
         from fopid_core.study.records import read_record
 
         found = read_record(record, control_before=control_before, columns=columns)
-    return checked(found, identification.identify(found, template))
+    return checked(found, identification.identify(found, template), template)

@@ -56,7 +56,7 @@ def identify_verb(
     signals = read_record(record, namespace, control_before, columns)
     signals = signals.part(first, last) if (first, last) != (-math.inf, math.inf) else signals
     sensor = sensor_noise(signals)
-    found = checked(signals, identify(signals, template, noise=sensor.level if sensor.at_rest else 0.0))
+    found = checked(signals, identify(signals, template, noise=sensor.level if sensor.at_rest else 0.0), template)
     behind = found.behind_actuator(signals)
     seen = frequency_response(behind)
     if plot and found.best:

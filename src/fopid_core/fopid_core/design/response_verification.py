@@ -50,7 +50,7 @@ def wrong_throughout(record: Record, learnt: IdentifiedModel) -> str:
     return contradicts(_seen(record, learnt), learnt.process, THROUGHOUT)
 
 
-def checked(record: Record, found: IdentificationResult) -> IdentificationResult:
+def checked(record: Record, found: IdentificationResult, template: str = "all") -> IdentificationResult:
     """What was learnt from a record, a success only where two other calculations do not say that it is not its process.
 
     Parameters
@@ -58,10 +58,12 @@ def checked(record: Record, found: IdentificationResult) -> IdentificationResult
     record : Record
     found : IdentificationResult
         From it.
+    template : str
+        What was asked for: whoever names a structure knows that it comes near to the process only.
     """
     if not found.success or found.best is None:
         return found
-    wrong = wrong_throughout(found.behind_actuator(record), found.best)
+    wrong = wrong_throughout(found.behind_actuator(record), found.best) if template == "all" else ""
     wrong = wrong or ("" if found.flaws.come_before else contradicts_law(record, found.best.process))
     return replace(found, success=False, message=f"{found.message}; {wrong}") if wrong else found
 

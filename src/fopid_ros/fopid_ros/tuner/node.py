@@ -309,8 +309,8 @@ class TunerNode(ManagedNode):
 
         history = self._tap.history  # its time is that of the signals' stamps
         since = history.newest_time("control") - request.duration if request.duration else -math.inf
-        record = history.record(since)
-        found = checked(record, identify(record, request.template_name or "all"))
+        record, template = history.record(since), request.template_name or "all"
+        found = checked(record, identify(record, template), template)
         job.go_on()
         if found.success and request.adopt:
             self._adopt(found.best)
