@@ -19,11 +19,22 @@ from fopid_core.design.identification.record import Record
 from fopid_core.design.loop_worth import noise_gain
 from fopid_core.design.recorded_law import contradicts_law
 from fopid_core.design.response_verification import held_to_record, no_objection, runs_away_instead
-from fopid_core.design.robust_verification import UNSEEN, RobustLimits, RobustTuning, tune_robustly
-from fopid_core.design.specification import Clock, TuningRequest, TuningResult
+from fopid_core.design.robust_verification import UNSEEN, RobustLimits, RobustTuning, as_held, tune_robustly
+from fopid_core.design.setpoint_weights import calmest_weights
+from fopid_core.design.specification import (
+    DERIVATIVE_WEIGHT,
+    PROPORTIONAL_WEIGHT,
+    Clock,
+    TuningRequest,
+    TuningResult,
+)
 from fopid_core.design.time.objectives import Objective
+from fopid_core.design.time.proposal import settling_horizon
+from fopid_core.errors import InputError
+from fopid_core.model.indices import overshoot_pct
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
+from fopid_core.model.response import step_response
 
 NOISE_SHARE, RECORDED_SHARE = 0.01, 0.05
 """Share of the control's range by which noise may move it, as a standard deviation; and of the range it had in the
@@ -35,6 +46,8 @@ SLOWER = (0.5, 0.25, 0.125)
 """Shares of a crossover that are tried where noise moves the control too much."""
 CLEAR = 0.95
 """Share of the bound that is aimed at where a design broke it."""
+FAR_OVER = 25.0
+"""An overshoot [%] that nobody is to find out on the plant."""
 _NEAR = 0.05
 """A control that rests within this share of its range from a limit tells nothing of how far it may go."""
 
@@ -252,6 +265,9 @@ def tune_recorded(
     success, told = tuned.success, f"{doubt}; {tuned.message}" if doubt else tuned.message
     if not success and method != "time" and best.structure.runs_away:
         told = f"{told}; a process that runs away is a case for tune time"
+    if success:
+        tuned, calmed = _calmed(request, tuned)
+        told = f"{told}{calmed}"
     if success and tuned.tuning is not None and (moved := control_noise(best.process, tuned.tuning, bounds)):
         told = f"{told}; noise moves the control by {moved:.3g}"
         if moved > bounds.control_from_noise and _is_free(request, given):
@@ -260,6 +276,31 @@ def tune_recorded(
             success, told = False, f"{told}, {allowed}{filters}"
     message = f"{identified.message}; from the record: {bounds.told}; {told}"
     return RecordedTuning(success, message, identified, noise, bounds, request, tuned, taken)
+
+
+def _calmed(request: TuningRequest, tuned: RobustTuning) -> tuple[RobustTuning, str]:
+    """A design in time with calmer setpoint weights where a step would overshoot far, and what is said of that.
+
+    An index such as ITAE hardly counts what a kick makes of the first moments.
+    """
+    tuning, named = tuned.tuning, {*request.fixed, *request.bounds} & {PROPORTIONAL_WEIGHT, DERIVATIVE_WEIGHT}
+    if tuning is None or tuning.controller is None or request.method != "time":
+        return tuned, ""
+    loop = Loop(as_held(request.process, request.sample_time), tuning.controller, tuning.filter, tuning.weights)
+    horizon = request.horizon or settling_horizon(request.process)
+    try:
+        before = overshoot_pct(step_response(loop, horizon).output)
+        if before <= FAR_OVER:
+            return tuned, ""
+        calm = tuning.weights if named or not request.filter_order else calmest_weights(loop, horizon)
+        after = overshoot_pct(step_response(replace(loop, weights=calm), horizon).output)
+    except InputError:  # near the border of stability it is not known
+        return tuned, ""
+    said = f"; a step of the setpoint overshoots by {after:.0f} %" if after > FAR_OVER else ""
+    if calm != tuning.weights:
+        weights = f"setpoint weights {calm.proportional:.3g} and {calm.derivative:.3g}"
+        said = f"{said}; {weights}: with those that cost least a step would overshoot by {before:.0f} %"
+    return replace(tuned, tuning=replace(tuning, weights=calm)), said
 
 
 def _with_load(best: IdentifiedModel, given: Mapping[str, Any]) -> dict[str, Any]:

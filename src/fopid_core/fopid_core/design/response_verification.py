@@ -26,6 +26,8 @@ BEYOND = 0.05
 """A model leaves a region when it is further out than this share of the response, besides."""
 _GAP = 2
 """Samples that are left out where a load came, which no past tells."""
+_BEYOND = 40
+"""So many frequencies beyond the last that is known are looked at, up to the Nyquist frequency."""
 FEWEST, SHARE = 3, 0.3
 """So many frequencies must be left, and such a share of those known, for its structure to be wrong."""
 THROUGHOUT = 0.9
@@ -197,7 +199,9 @@ def held_without_a_model(
 
     At each known frequency |S| is bounded over the whole disc: 1 / (|1 + C F G| - |C F| r), with C as it is in
     continuous time and G behind the hold of the controller. From the lowest to the highest of them, 1 + C F G may not
-    go around the origin otherwise than the process's own (Nyquist). Nothing is said between the frequencies.
+    go around the origin otherwise than the process's own (Nyquist). Beyond the highest, where a delay that the process
+    lacks may turn it further, no design may have a loop gain above 1, the process taken for a lag from there on.
+    Nothing is said between the frequencies.
 
     Parameters
     ----------
@@ -234,6 +238,8 @@ def held_without_a_model(
     held = _hold(w, sample_time or response.sample_time) / _hold(w, response.sample_time)
     seen, radius = response.response[known] * held, response.radius[known] * np.abs(held)
     learnt = response.model(process)[known] * held
+    beyond = w[-1] * np.geomspace(1.0, max(np.pi / (w[-1] * response.sample_time), 1.0), _BEYOND)
+    largest = (abs(response.response[known][-1]) + response.radius[known][-1]) * w[-1] / beyond
 
     def judge(gains: Fopid | None, slow: MeasurementFilter) -> str:
         if gains is None:
@@ -244,6 +250,8 @@ def held_without_a_model(
             return "unstable by what the record shows without a model"
         if wrong and min(np.abs(controller * one).max() for one in (seen, learnt)) < 1.0:
             return f"it works below {w[0]:.3g} rad/s, where the record shows nothing without a model"
+        if (np.abs(gains(1j * beyond) * slow(1j * beyond)) * largest).max() > 1.0:
+            return f"it works beyond {w[-1]:.3g} rad/s, where the record shows nothing without a model"
         nearest = np.abs(1.0 + controller * seen) - np.abs(controller) * radius
         worst = int(np.argmin(nearest))
         if nearest[worst] * ms_max >= 1.0:
