@@ -22,6 +22,8 @@ STEPS = (
     "ms", "mt", "noise_gain", "delay_margin",
 )  # fmt: skip
 """What is shown of the steps, by the names of ``comparison.measures.Row``."""
+SHORTER = (1.0, 0.5, 0.25, 0.125)
+"""Of the usual horizon, until the responses are known."""
 SETTLED_TIMES = 2.5
 """Of the settling time at a setpoint step: so long a load can be seen to go as well."""
 
@@ -103,12 +105,15 @@ def _steps(loops: dict[str, Loop], sample_time: float) -> dict[str, dict[str, fl
     from fopid_core.design.specification import Bounds
     from fopid_core.model.evaluation import default_horizon
 
-    horizon = max((default_horizon(loop) for loop in loops.values()), default=math.nan)
-    bounds = Bounds(sample_time=sample_time, horizon=horizon)
-    found = {}
-    for name, loop in loops.items():
-        row = measured(Candidate("", "", loop), bounds, 1.0 / bounds.horizon)
-        found[name] = {"horizon": bounds.horizon, "stable": row.stable} | {key: getattr(row, key) for key in STEPS}
+    longest = max((default_horizon(loop) for loop in loops.values()), default=math.nan)
+    found: dict[str, dict[str, float | bool]] = {}
+    for share in SHORTER:  # what takes long beside a fast filter is known for a while only
+        bounds = Bounds(sample_time=sample_time, horizon=share * longest)
+        for name, loop in loops.items():
+            row = measured(Candidate("", "", loop), bounds, 1.0 / bounds.horizon)
+            found[name] = {"horizon": bounds.horizon, "stable": row.stable} | {key: getattr(row, key) for key in STEPS}
+        if not any(steps["stable"] and math.isnan(steps["iae_setpoint"]) for steps in found.values()):
+            break
     return found
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from fopid_core.design.defaults import process_gain
 from fopid_core.design.identification.identified_model import IdentifiedModel
-from fopid_core.design.identification.identify import IdentificationResult, identify
+from fopid_core.design.identification.identify import IdentificationResult, behind_slow_actuator, identify
 from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
 from fopid_core.design.identification.record import Record
@@ -172,6 +172,8 @@ def recorded_bounds(
     rate_max = record.control_rate_max / step if step and math.isfinite(record.control_rate_max) else None
     if u_max is not None:
         parts.append(f"limits leave a control peak of {u_max:.4g} to a unit step, for steps of {step:.3g}")
+    if rate_max is not None:
+        parts.append(f"moves of {rate_max:.3g} a second to one")
     density = level**2 * record.sample_time
     return RecordedBounds(sample_time, level, density, allowed, u_max, rate_max, ", ".join(parts), noise.spectrum)
 
@@ -236,9 +238,8 @@ def tune_recorded(
     limits = limits or RobustLimits()
     noise, judges = sensor_noise(record), identified is None
     level = noise.level if noise.at_rest else 0.0
-    identified = identified or identify(record, template, clock, level)
-    if judges and template == "all" and identified.success and identified.best is not None:
-        identified = runs_away_instead(identified.behind_actuator(record), identified.best, level) or identified
+    identified = identified or _learnt(record, method, template, clock, level)
+    record = replace(record, control_rate_max=min(record.control_rate_max, identified.flaws.rate))
     best = identified.best
     if not identified.success or best is None:
         return RecordedTuning(False, identified.message, identified, noise)
@@ -276,6 +277,21 @@ def tune_recorded(
             success, told = False, f"{told}, {allowed}{filters}"
     message = f"{identified.message}; from the record: {bounds.told}; {told}"
     return RecordedTuning(success, message, identified, noise, bounds, request, tuned, taken)
+
+
+def _learnt(record: Record, method: str, template: str, clock: Clock, noise: float) -> IdentificationResult:
+    """The process of a record, for a design by a method.
+
+    Behind a limit on the actuator's moves where the method can keep it: a process looks slower than it is in small
+    moves with one.
+    """
+    found = identify(record, template, clock, noise)
+    if template != "all" or not found.success or found.best is None:
+        return found
+    found = runs_away_instead(found.behind_actuator(record), found.best, noise) or found
+    if method != "time" or found.best is None or found.best.whiteness.white:
+        return found
+    return behind_slow_actuator(record, found, noise=noise) or found
 
 
 def _calmed(request: TuningRequest, tuned: RobustTuning) -> tuple[RobustTuning, str]:

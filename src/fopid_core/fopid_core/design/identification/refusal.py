@@ -89,7 +89,8 @@ def _why_not(record: Record, best: IdentifiedModel, noise: float) -> str:
         return f"the control explains only {max(best.fit_pct, 0.0):.0f} % of the measurement: {_advice(record)}"
     if not process_stability(best.process).stable:
         if not best.structure.runs_away or grows(record):
-            return f"the model that fits best is unstable: {_STABILISE}"
+            held = record.setpoint is not None and np.ptp(record.setpoint) > 0.0 and not grows(record)
+            return f"the model that fits best is unstable: {_LARGER if held else _STABILISE}"
         if not _is_unstable_for_sure(best, noise):
             return (
                 "the loop may hold a process that runs away, but what disturbs it hides how fast: "
