@@ -20,6 +20,8 @@ _TIME_CONSTANTS, _DELAYS = 11, 9
 _LOG_DAMPINGS = tuple(math.log(c) for c in (0.15, 0.9, 4.0))
 _STILL = 10
 """So many samples before the control moves tell whether the process rested."""
+_LONG = 0.05
+"""A rest of such a share of the record is no slow beginning of a move."""
 _INDEPENDENT = 32
 """So many samples of a rough fit count as independent when beginnings are compared."""
 _IMMATERIAL = 0.02
@@ -39,8 +41,8 @@ _POLISH = 12
 def initial_conditions(record: Record) -> tuple[InitialCondition, ...]:
     """Beginnings in the order of preference: at rest, at rest at zero, after a step, not at rest.
 
-    A process that stands still until the control first moves rested with the control that it had: that it had been
-    moved from zero just before would be a delay as long as that rest.
+    A process that stands still for long until the control first moves rested with the control that it had: that it had
+    been moved from zero just before would be a delay as long as that rest.
     """
     first = float(record.control[0])
     moved = np.flatnonzero(record.control != first)
@@ -48,11 +50,14 @@ def initial_conditions(record: Record) -> tuple[InitialCondition, ...]:
         return (InitialCondition(record.control_before or 0.0),)
     if record.control_before is not None:
         return (InitialCondition(record.control_before),)
-    if _stands_still(record.measurement[: moved[0] + 1]):
+    stands_still = _stands_still(record.measurement[: moved[0] + 1])
+    if stands_still and moved[0] >= _LONG * record.time.size:
         return (InitialCondition(first),)
     at_rest = [InitialCondition(first)] if first == 0.0 else [InitialCondition(first), InitialCondition(0.0)]
     if abs(record.measurement[0]) <= _NEAR_ZERO * np.ptp(record.measurement):
         at_rest.reverse()
+    if stands_still:
+        return tuple(at_rest)
     return (*at_rest, InitialCondition(first, step=True), InitialCondition(first, step=True, free=True))
 
 
