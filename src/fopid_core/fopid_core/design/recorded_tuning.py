@@ -300,6 +300,7 @@ def _calmed(request: TuningRequest, tuned: RobustTuning) -> tuple[RobustTuning, 
     An index such as ITAE hardly counts what a kick makes of the first moments.
     """
     tuning, named = tuned.tuning, {*request.fixed, *request.bounds} & {PROPORTIONAL_WEIGHT, DERIVATIVE_WEIGHT}
+    are_given = named or request.two_degrees is False or not request.filter_order
     if tuning is None or tuning.controller is None or request.method != "time":
         return tuned, ""
     loop = Loop(as_held(request.process, request.sample_time), tuning.controller, tuning.filter, tuning.weights)
@@ -308,7 +309,7 @@ def _calmed(request: TuningRequest, tuned: RobustTuning) -> tuple[RobustTuning, 
         before = overshoot_pct(step_response(loop, horizon).output)
         if before <= FAR_OVER:
             return tuned, ""
-        calm = tuning.weights if named or not request.filter_order else calmest_weights(loop, horizon)
+        calm = tuning.weights if are_given else calmest_weights(loop, horizon)
         after = overshoot_pct(step_response(replace(loop, weights=calm), horizon).output)
     except InputError:  # near the border of stability it is not known
         return tuned, ""

@@ -104,7 +104,7 @@ class ControllerClient:
         self._background = background
         self._client = AsyncParameterClient(node, name)
         self._origin = node.get_fully_qualified_name()
-        self._trial_ended = threading.Event()
+        self._trial_ended, self._telling = threading.Event(), threading.Lock()
 
     def get(self, *names: str) -> list[Any]:
         """Values of parameters, those of the joint where there is one.
@@ -185,14 +185,17 @@ class ControllerClient:
 
         def renew() -> None:
             while not ended.wait(RENEW_PERIOD):
-                self._background.on_executor(lambda: self._client.set_parameters_atomically(trial))
+                with self._telling:  # never after its end has been told
+                    if not ended.is_set():
+                        self._background.on_executor(lambda: self._client.set_parameters_atomically(trial))
 
         self._trial_ended = ended
         self._background.start("trial", renew)
 
     def end_trial(self) -> None:
         """No more be the author of gains on trial: where they still are, the controller goes back from them."""
-        self._trial_ended.set()
+        with self._telling:
+            self._trial_ended.set()
 
     def confirm(self, design: RunningDesign) -> None:
         """The design that was on trial holds the loop; raises as ``apply`` does, and when another is in force."""

@@ -34,14 +34,8 @@ STATE = Layout(FopidState)
 HEARD = ("measurement", "control")
 
 SPECS = (
-    Spec(
-        "history",
-        600.0,
-        "signals kept for ~/identify and ~/autotune [s]; 0 to listen to none",
-        0.0,
-        1e6,
-        at_configure=True,
-    ),
+    Spec("history", 600.0, "signals kept for ~/identify and ~/autotune [s]; 0 to listen to none", 0.0, 1e6,
+         at_configure=True),
     *(spec for name in (*HEARD, INJECTION) for spec in signal_specs(name)),
     Spec(
         "angle_wraparound",
@@ -49,7 +43,7 @@ SPECS = (
         "the measurement is an angle [rad] that wraps around, as the controller's",
         read_only=True,
     ),
-)
+)  # fmt: skip
 LISTENING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Best effort hears reliable publishers, too; a tick lost is a gap that the identification allows for."""
 
