@@ -26,7 +26,7 @@ BEYOND = 0.05
 """A model leaves a region when it is further out than this share of the response, besides."""
 _GAP = 2
 """Samples that are left out where a load came, which no past tells."""
-_BEYOND = 40
+_HIGHER = 40
 """So many frequencies beyond the last that is known are looked at, up to the Nyquist frequency."""
 FEWEST, SHARE = 3, 0.3
 """So many frequencies must be left, and such a share of those known, for its structure to be wrong."""
@@ -238,7 +238,7 @@ def held_without_a_model(
     held = _hold(w, sample_time or response.sample_time) / _hold(w, response.sample_time)
     seen, radius = response.response[known] * held, response.radius[known] * np.abs(held)
     learnt = response.model(process)[known] * held
-    beyond = w[-1] * np.geomspace(1.0, max(np.pi / (w[-1] * response.sample_time), 1.0), _BEYOND)
+    beyond = w[-1] * np.geomspace(1.0, max(np.pi / (w[-1] * response.sample_time), 1.0), _HIGHER)
     largest = (abs(response.response[known][-1]) + response.radius[known][-1]) * w[-1] / beyond
 
     def judge(gains: Fopid | None, slow: MeasurementFilter) -> str:

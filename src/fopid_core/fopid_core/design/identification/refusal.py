@@ -88,8 +88,9 @@ def _why_not(record: Record, best: IdentifiedModel, noise: float) -> str:
     if explains_little(best) and (not known_rest or best.fit_pct < LEAST_FIT_IN_NOISE):
         return f"the control explains only {max(best.fit_pct, 0.0):.0f} % of the measurement: {_advice(record)}"
     if not process_stability(best.process).stable:
-        if not best.structure.runs_away or grows(record):
-            held = record.setpoint is not None and np.ptp(record.setpoint) > 0.0 and not grows(record)
+        left = grows(record)
+        if not best.structure.runs_away or left:
+            held = record.setpoint is not None and np.ptp(record.setpoint) > 0.0 and not left
             return f"the model that fits best is unstable: {_LARGER if held else _STABILISE}"
         if not _is_unstable_for_sure(best, noise):
             return (
