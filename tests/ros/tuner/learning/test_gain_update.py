@@ -350,7 +350,7 @@ def test_gains_that_may_have_been_taken_can_be_taken_back(learnt: Identification
     assert running.applied == [OLD]
 
 
-def test_gains_that_cannot_be_put_back_are_named_and_a_lost_answer_does_not_end_taking_back(learnt: IdentificationResult) -> None:
+def test_gains_that_cannot_be_put_back_are_named_and_may_be_later(learnt: IdentificationResult) -> None:
     running = Running(lambda _: 1.0, cancelled_at=0.1)
     gain_update, outcome = handed_over(running, learnt)
     with pytest.raises(CancelledError):
