@@ -12,6 +12,7 @@ from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_ros.tuner.learning.closed_loop_experiment import LONGEST, ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.reach import Reach
 from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 
@@ -81,3 +82,12 @@ def test_without_gains_it_says_how_to_come_by_the_first() -> None:
     loop.set(gains=Fopid(0.0))
     with pytest.raises(InputError, match=r"show no time scale; without gains, record a step .* fopid design FILE"):
         ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())
+
+
+@pytest.mark.parametrize("gains", [Fopid(0.0, 0.5, 0.0), Fopid(0.5, 0.0, 0.1)])
+def test_gains_without_a_time_scale_are_moved_for_as_long_as_those_they_were_learnt_with(gains: Fopid) -> None:
+    loop = VirtualLoop(GALLERY["flexible_joint"], 1)
+    loop.set(gains=gains)
+    before = Reach(0.01, 0.05, 0.5, duration=12.0)
+    baseline = LoopBaseline(read_running_controller(loop))
+    assert ClosedLoopExperiment(loop, loop, baseline, ExperimentSettings(), before).duration == 12.0

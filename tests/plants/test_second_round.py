@@ -142,6 +142,22 @@ def test_whether_it_is_begun_depends_on_how_long_it_takes_with_the_new_gains(
     assert (autotune.NO_TIME in outcome.message) == (len(records) == 1) == (rounds == 1)
 
 
+def test_the_time_that_gains_take_to_work_out_is_none_of_the_experiments(
+    designed: Callable[[Design], list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a busy machine one failed design used up what was left for a longer record."""
+    records = designed(lambda number: found(1.2, held_back=False) if number == 2 else Outcome(message="too little"))
+    learn = Autotuner._learn
+
+    def slowly(self: Autotuner, began: float) -> Outcome:
+        self._tap.run(closed_loop_experiment.LONGEST * self._experiment.duration)  # type: ignore[attr-defined]
+        return learn(self, began)
+
+    monkeypatch.setattr(Autotuner, "_learn", slowly)
+    assert tuned()[1].applied
+    assert len(records) == 2
+
+
 @pytest.mark.parametrize(
     "asked", [{"second_round": False}, {"experiment": {"duration": 300.0}}, {"propose_only": True}]
 )

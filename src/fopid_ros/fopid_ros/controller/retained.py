@@ -93,7 +93,8 @@ class Retained:
     def __str__(self) -> str:
         """As a person reads it.
 
-        >>> design = dict(zip(DESIGN, (2.0, 0.5, 0.0, 1.0, 1.0, 0, 0.0, 1.0, 1.0, math.inf, math.inf, 0.0)))
+        >>> from math import inf
+        >>> design = dict(zip(DESIGN, (2.0, 0.5, 0.0, 1.0, 1.0, 0, 0.0, 1.0, 1.0, inf, inf, 0.0)))
         >>> print(Retained("/c", design, "verified", "fopid_tuner", "", "2026-01-31T12:00:00+00:00", {}))
         2 + 0.5 s^-1 + 0 s^1, verified, from 'fopid_tuner' at 2026-01-31T12:00:00+00:00
         """

@@ -237,7 +237,9 @@ class Autotuner:
                 outcome = Outcome(message=f"the experiment was stopped, nothing was changed: {ended}")
                 widened = self._experiment.widen_after_escape()
             else:
+                excited_until = self._experiment.newest
                 outcome = self._learn(began)
+                self._experiment.latest += self._experiment.newest - excited_until  # working out moves nothing
                 nothing_was_learnt = outcome.tuned is None
                 widened = self._experiment.fits and nothing_was_learnt and self._experiment.widen()
             if outcome.success or (ended and not widened) or not self._experiment.fits:
@@ -466,15 +468,9 @@ class Autotuner:
         # A livelier loop answers the noise, which looks like more of it: what was least is nearest to the sensor's own.
         sensor = min(self._rest.sensor, loop.sensor, key=lambda seen: seen.level)
         outcome = update.design(
-            found,
-            sensor,
-            loop.control_peak,
-            loop.control_rate,
-            loop.control,
-            every=every,
-            record=record,
-            slower=slower,
-        )
+            found, sensor, loop.control_peak, loop.control_rate, loop.control,
+            every=every, record=record, slower=slower,
+        )  # fmt: skip
         # Between two steps an integral moves the control for ever, and a derivative makes it jump at each.
         deadband, told = hidden_by_steps(record.measurement, self._rest.noise), outcome.message
         if every and outcome.success and deadband > self._controller.deadband:

@@ -142,13 +142,14 @@ class ClosedLoopExperiment:
         """How far the measurement has been moved here or before, for another that follows."""
         before, allowed = self._before, max(self.loop.deviation_max, self._before.allowed)
         if self._peak < before.moved:
-            return replace(before, allowed=allowed, most=allowed)
-        return Reach(self._peak, allowed, self._amplitude, allowed)
+            return replace(before, allowed=allowed, most=allowed, duration=self.duration)
+        return Reach(self._peak, allowed, self._amplitude, allowed, self.duration)
 
     def _chosen_duration(self) -> float:
         """Of the experiment [s]."""
         duration = self._wanted.duration or INTEGRAL_TIMES * integral_time(self.loop.controller.gains)
-        if not math.isfinite(duration):
+        duration = duration if math.isfinite(duration) else self._before.duration
+        if not duration:
             first = "without gains, record a step of the control in manual mode: fopid design FILE gives the first ones"
             raise InputError(f"duration = 0; allowed: above 0 s, since the present gains show no time scale; {first}")
         return max(duration, 10 * TICKS_MIN * self.loop.controller.sample_time)
@@ -369,8 +370,9 @@ class ClosedLoopExperiment:
     def _settings(self, kind: str, amplitude: float, duration: float) -> ExcitationSettings:
         loop = self.loop
         hold = max(duration / EXCITATIONS[kind], LEAST_TICKS * loop.controller.sample_time)
+        upwards = loop.controller.gains.kp or loop.controller.gains.ki or 1.0
         return ExcitationSettings(
-            kind=kind, amplitude=math.copysign(amplitude, loop.controller.gains.kp or 1.0), acts_on="control",
+            kind=kind, amplitude=math.copysign(amplitude, upwards), acts_on="control",
             low=loop.setpoint - loop.deviation_max, high=loop.setpoint + loop.deviation_max,
             hold=hold, order=PRBS_ORDER, hysteresis=3.0 * loop.unrest,
         )  # fmt: skip

@@ -19,12 +19,15 @@ class Reach:
     most : float
         What may be allowed, since a loop that moves more at rest than the one before is no better for it; infinite for
         a loop that may have been changed since.
+    duration : float
+        Of the experiment [s], for gains that show no time scale.
     """
 
     moved: float = 0.0
     allowed: float = 0.0
     amplitude: float = 0.0
     most: float = math.inf
+    duration: float = 0.0
 
 
 NOT_MOVED = Reach()

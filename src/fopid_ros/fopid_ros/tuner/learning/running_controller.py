@@ -83,7 +83,18 @@ def read_running_controller(client: ControllerClient) -> RunningController:
 
 
 def integral_time(gains: Fopid) -> float:
-    """(kp/ki)^(1/lam), the time scale that whoever chose these gains had in mind [s]; NaN where there is none."""
-    if not (gains.kp and gains.ki and gains.lam):
+    """The time scale that whoever chose these gains had in mind [s]; NaN where there is none.
+
+    That is (kp/ki)^(1/lam), or 2 (kd/ki)^(1/(lam + mu)) where that is longer, as it is where kp is (nearly) 0: a PID
+    whose Ti is 4 Td has both alike.
+
+    Examples
+    --------
+    >>> integral_time(Fopid(2.0, 0.5, 2.0)), integral_time(Fopid(0.0, 0.5, 2.0))
+    (4.0, 4.0)
+    """
+    if not (gains.ki and gains.lam):
         return math.nan
-    return float(abs(gains.kp / gains.ki) ** (1.0 / gains.lam))
+    by_gain = abs(gains.kp / gains.ki) ** (1.0 / gains.lam)
+    by_derivative = 2.0 * abs(gains.kd / gains.ki) ** (1.0 / (gains.lam + gains.mu))
+    return float(max(by_gain, by_derivative)) or math.nan
