@@ -16,6 +16,7 @@ from virtual_loop import VirtualLoop
 from fopid_core.design.identification.noise import hidden_by_steps
 from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.specification import TuningRequest
+from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
 from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
@@ -62,6 +63,7 @@ def test_steps_hide_nothing_where_there_is_more_noise(plant: type[MotorPosition]
 
 
 def test_a_proposal_tells_of_it_and_sets_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Sufficiency, "look", lambda *_: True)
     monkeypatch.setattr(GainUpdate, "design", lambda *_, **__: Outcome(success=True, message="better gains"))
     criteria = AcceptanceCriteria(TuningRequest(Process.parse("1/(s+1)")), RobustLimits(), 2.0, compare=True)
     loop = VirtualLoop(MOTOR)

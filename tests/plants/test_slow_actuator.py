@@ -144,6 +144,7 @@ def test_a_few_pulses_show_how_fast_an_actuator_is_and_take_the_measurement_nowh
     assert found == pytest.approx(rate, rel=0.15) if rate < 1e3 else found > 40.0
 
 
+@pytest.mark.slow
 def test_pulses_are_so_short_that_an_actuator_without_limits_is_not_taken_for_a_slow_one() -> None:
     """By pulses as long as a response 263 a second could not be excluded, and its gains were held to that."""
     loop = VirtualLoop(GALLERY["drawn_47"], 1)

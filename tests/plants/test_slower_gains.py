@@ -109,6 +109,7 @@ def test_where_slower_ones_do_not_do_either_those_from_before_stay(monkeypatch: 
     assert "; others did not do either: nothing was changed: " in outcome.message
 
 
+@pytest.mark.slow
 def test_a_loop_that_runs_away_before_it_is_moved_is_taken_back_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     loop, outcome = tuned(monkeypatch, 12.0, 12.0)
     assert "off the setpoint (" in outcome.message

@@ -66,7 +66,7 @@ def test_looks_at_noise_alone_are_in_vain_after_five() -> None:
     rng = np.random.default_rng(1)
     control = np.repeat(rng.integers(0, 2, 40), 10).astype(float)
     noise = rng.standard_normal(control.size)
-    sufficiency, vain = Sufficiency("all", 1.0, 1.0), []
+    sufficiency, vain = Sufficiency("foptd", 1.0, 1.0), []
     for ticks in range(60, 400, 60):
         enough = sufficiency.look(Record(np.arange(float(ticks)), control[:ticks], noise[:ticks], control_before=0.0))
         assert not enough

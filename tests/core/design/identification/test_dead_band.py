@@ -20,6 +20,7 @@ from fopid_core.model.indices import indices
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
 from fopid_core.model.response import step_response
+from tests.cases import slow
 
 TICK, LAG, DELAY, GAIN = 1.0, 20.0, 5, 2.0
 LEVEL = 0.02
@@ -81,11 +82,6 @@ def recorded(
     return Record(TICK * np.arange(count), np.array(controls), np.array(measured))
 
 
-def slow(*values: object) -> list[object]:
-    """Cases for ``make test-slow``."""
-    return [pytest.param(value, marks=pytest.mark.slow) for value in values]
-
-
 @pytest.mark.parametrize("flaws", [
     Flaws(), Flaws(dead_band=0.4), Flaws(dead_band=0.4, slip=0.0), Flaws(dead_band=0.4, slip=0.7),
     Flaws(low=-0.5, high=1.0), Flaws(dead_band=0.3, play=0.2, low=-1.0), Flaws(play=0.3),
@@ -132,8 +128,9 @@ def test_stiction_is_told_from_play(seed: int) -> None:
     assert "the actuator sticks within 0.1" in found.message
 
 
-@pytest.mark.parametrize("integrates", [True, *slow(False)])
-@pytest.mark.parametrize("seed", [0, *slow(1, 2)])
+@pytest.mark.slow
+@pytest.mark.parametrize("integrates", [True, False])
+@pytest.mark.parametrize("seed", [0, 1, 2])
 def test_play_behind_what_sticks_is_learnt_beside_it(seed: int, integrates: bool) -> None:
     """As valves of control have both: the stem sticks in its packing, and what drives it has a worn joint."""
     found = identify(recorded(stick_with_play(0.15, 0.05), seed, integrates=integrates), noise=LEVEL)

@@ -14,11 +14,13 @@ from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
+from tests.cases import slow
 
 from .recorded import closed_loop, open_loop
 
 SAMPLES, BIT, LOAD = 1200, 20, 0.5
-PROCESSES = ("P1", "P4", "2/(10s+1)*exp(-3s)")
+LAG = "2/(10s+1)*exp(-3s)"
+PROCESSES = ("P1", "P4", LAG)
 
 
 def crossover(process: str) -> float:
@@ -69,14 +71,7 @@ def error(model: IdentifiedModel, process: str) -> float:
 
 @pytest.mark.parametrize(
     ("process", "closed"),
-    [
-        ("P1", False),
-        ("2/(10s+1)*exp(-3s)", True),
-        *(
-            pytest.param(p, c, marks=pytest.mark.slow)
-            for p, c in (("P1", True), ("P4", False), ("P4", True), ("2/(10s+1)*exp(-3s)", False))
-        ),
-    ],
+    [("P1", False), *slow(("P1", True), ("P4", False), ("P4", True), (LAG, False), (LAG, True))],
 )
 def test_a_load_that_comes_in_the_middle_is_found_and_leaves_the_model_as_it_is(process: str, closed: bool) -> None:
     record = recorded(process, closed=closed, loaded=True)

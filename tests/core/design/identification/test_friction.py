@@ -60,7 +60,8 @@ def test_friction_is_learnt_and_the_process_without_it(spring: float, seed: int)
         assert abs(found.best.process(s) / true - 1.0) < 0.2
 
 
-@pytest.mark.parametrize("spring", [0.6, pytest.param(0.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("spring", [0.6, 0.0])
 def test_where_there_is_none_none_is_found(spring: float) -> None:
     record = day(spring, 0.0, 3)
     found = identify(record, noise=NOISE)

@@ -16,6 +16,7 @@ from fopid_core.design.identification.record import Record
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
+from tests.cases import slow
 
 PROCESS = "1/((7s+1)(0.3s+1))"
 EVERY, FINE = 0.1, 0.001
@@ -53,7 +54,7 @@ def answered(
 
 
 @pytest.mark.parametrize("noise", [0.005, 0.05])
-@pytest.mark.parametrize("rate", [3.0, 7.0, 20.0])
+@pytest.mark.parametrize("rate", [*slow(3.0), 7.0, *slow(20.0)])
 def test_the_rate_of_a_slow_actuator_is_learnt_with_the_process_behind_it(rate: float, noise: float) -> None:
     made = record(rate, noise)
     slow = behind_slow_actuator(made, identify(made))
@@ -75,7 +76,7 @@ def test_so_it_is_in_a_loop_whose_noise_alone_keeps_the_actuator_behind() -> Non
     assert slow.best.parameters["T"] == pytest.approx(7.3, rel=0.15)
 
 
-@pytest.mark.parametrize("rate", [13.0, 17.0, 20.0, 24.0])
+@pytest.mark.parametrize("rate", [*slow(13.0, 17.0), 20.0, *slow(24.0)])
 def test_pulses_show_it_sharply_and_it_is_not_stepped_over(rate: float) -> None:
     """39.5 was "as slow as may be" for 20: limits a sixth off explained less than none, and no nearer was tried."""
     time = np.arange(0.0, 80.0, EVERY)
@@ -96,7 +97,7 @@ def test_nothing_speaks_for_one_where_it_jumps_nor_do_small_moves_in_noise(
     assert behind_slow_actuator(made, identify(made)) is None
 
 
-@pytest.mark.parametrize("rate", [math.inf, 60.0])
+@pytest.mark.parametrize("rate", [math.inf, *slow(60.0)])
 def test_short_pulses_count_beside_what_moves_a_long_record_far_more(rate: float) -> None:
     """A disturbance of 0.1 that wanders, where noise is 0.003 and pulses show by 0.06: errors alone hardly differ."""
     time = np.arange(0.0, 120.0, EVERY)
@@ -125,6 +126,7 @@ def test_play_is_not_taken_for_a_slow_actuator() -> None:
     assert slow is None or slow.flaws.rate > 50.0
 
 
+@pytest.mark.slow
 def test_where_there_are_both_both_are_learnt() -> None:
     made = record(5.0, 0.005, play=0.3)
     slow = behind_slow_actuator(made, identify(made))
@@ -133,6 +135,7 @@ def test_where_there_are_both_both_are_learnt() -> None:
     assert slow.flaws.dead_band == pytest.approx(0.3, rel=0.2)
 
 
+@pytest.mark.slow
 def test_what_was_learnt_behind_a_limit_is_looked_at_without_it_when_there_is_more_to_hear() -> None:
     """The limit was applied twice, so that a second look found none."""
     made = record(7.0, 0.005)
