@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
+from fopid_core.runtime import scheduler
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.schedule import GainSchedule, OperatingPoint, parse_schedule, read_schedule
 from fopid_core.runtime.scheduler import GainScheduler
@@ -188,6 +190,23 @@ def test_other_settings_change_under_a_schedule_without_a_bump() -> None:
     assert controller.settings.control_max == 50.0
     assert controller.settings.gains == scheduler.gains
     assert scheduler.gains.gains == pytest.approx(interpolated(INTEGER, 0.7).gains)
+
+
+def test_weights_of_the_setpoint_change_under_a_schedule_without_working_it_out_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """That held the ticks of a table of 30 points up for 2.4 s."""
+    plain = ControllerSettings(INTEGER[0], H)
+    weighted = replace(plain, setpoint_weight=0.3, derivative_setpoint_weight=0.5)
+    changed, made = FopidController(plain), FopidController(weighted)
+    schedulers = GainScheduler(table(INTEGER), changed), GainScheduler(table(INTEGER), made)
+    monkeypatch.setattr(scheduler, "_knots", None)
+    schedulers[0].configure(weighted)
+    for setpoint in (0.0, 1.0, 1.0, 2.0):
+        for one in schedulers:
+            one.follow(0.7)
+        assert changed.step(setpoint, 0.2) == made.step(setpoint, 0.2)
+        assert changed.setpoint_feedthrough == made.setpoint_feedthrough
 
 
 GOOD = """

@@ -26,18 +26,27 @@ _FIRST_TICKS = 64  # in which an echo that dies away is loudest
 _FASTEST = 1.0 + 1e-6  # growth per tick: less than threefold in a million ticks
 
 
+def feedthroughs(operators: Operators, gains: Fopid) -> tuple[float, float, float]:
+    """Control per unit of error at the same tick, of the proportional, the integral and the derivative part."""
+    return gains.kp, float(gains.ki * operators.matrix[-2, -2]), float(gains.kd * operators.matrix[-1, -1])
+
+
 def direct_feedthrough(operators: Operators, gains: Fopid) -> float:
     """Control per unit of error at the same tick; never so little that taking it back would overshoot."""
-    gain = gains.kp + gains.ki * operators.matrix[-2, -2] + gains.kd * operators.matrix[-1, -1]
+    gain = sum(feedthroughs(operators, gains))
     least = abs(gains.ki) * operators.integral_after_one_tick()
-    return float(gain) if abs(gain) >= least else math.copysign(least, gains.ki)
+    return gain if abs(gain) >= least else math.copysign(least, gains.ki)
 
 
 def setpoint_feedthrough(operators: Operators, settings: ControllerSettings) -> float:
     """Control per unit of setpoint at the same tick."""
-    gains, matrix = settings.gains, operators.matrix
-    derivative = gains.kd * settings.derivative_setpoint_weight * matrix[-1, -1]
-    return float(gains.kp * settings.setpoint_weight + gains.ki * matrix[-2, -2] + derivative)
+    return weighted(feedthroughs(operators, settings.gains), settings)
+
+
+def weighted(parts: tuple[float, float, float], settings: ControllerSettings) -> float:
+    """The feedthrough of a setpoint, by those of the three parts."""
+    proportional, integral, derivative = parts
+    return proportional * settings.setpoint_weight + integral + derivative * settings.derivative_setpoint_weight
 
 
 def conditioning(operators: Operators, gains: Fopid) -> Vector | None:

@@ -16,7 +16,7 @@ from fopid_core.runtime.controller_state import ControllerState, Mode
 from fopid_core.runtime.filter_bank import Band, integral_weights
 from fopid_core.runtime.measurement_filter import RunningFilter
 from fopid_core.runtime.operators import Operators
-from fopid_core.runtime.reading import Reading
+from fopid_core.runtime.reading import Reading, reading_of
 from fopid_core.runtime.sampled_derivative import derivative_weights
 from fopid_core.runtime.settings import LARGEST, LOWEST, AntiWindup, ControllerSettings, refused, with_gains
 from fopid_core.runtime.variable_step import VariableOperators, check_interval
@@ -110,17 +110,7 @@ class FopidController:
     @property
     def reading(self) -> Reading:
         """What the gains in force come to, for a schedule."""
-        settings, operators = self._settings, self._operators
-        gains = settings.gains
-        return Reading(
-            kp=gains.kp,
-            ki=gains.ki,
-            weights=operators.weights * [[gains.ki], [gains.kd]],
-            feedthrough=direct_feedthrough(operators, gains),
-            setpoint_feedthrough=self.setpoint_feedthrough,
-            tracking_gain=self._tracking_gain,
-            conditioned=self._conditioned,
-        )
+        return reading_of(self._operators, self._settings.gains, self._tracking_gain, self._conditioned)
 
     def read_as(self, reading: Reading, *, conditioned: bool) -> None:
         """Go on with other gains, given as a reading of the same bank; as ``reconfigure``, without its work.
@@ -136,9 +126,10 @@ class FopidController:
         operators.set_reading(reading.weights)
         if conditioned:
             operators.set_correction(operators.of_error / reading.feedthrough)
-        self._kp, self._ki, self._kd = reading.kp, 1.0, 1.0
+        self._kp, self._ki, self._kd = reading.parts[0], 1.0, 1.0
         self._integrates = reading.ki != 0.0
-        self.setpoint_feedthrough, self._tracking_gain = reading.setpoint_feedthrough, reading.tracking_gain
+        self.setpoint_feedthrough = reading.setpoint_feedthrough(self._settings)
+        self._tracking_gain = reading.tracking_gain
         self._conditioned, self._direction = conditioned, reading.feedthrough if conditioned else reading.ki
         self._go_on_from(old)
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fopid_core.runtime.operators import Matrix
+from fopid_core.model.fopid import Fopid
+from fopid_core.runtime.antiwindup import direct_feedthrough, feedthroughs, weighted
+from fopid_core.runtime.operators import Matrix, Operators
+from fopid_core.runtime.settings import ControllerSettings
 
 
 @dataclass(frozen=True)
@@ -13,24 +16,29 @@ class Reading:
 
     Attributes
     ----------
-    kp, ki : float
+    ki : float
     weights : ndarray, shape (2, size)
         Of what is remembered, for the integral and the derivative part, gains included.
-    feedthrough, setpoint_feedthrough : float
-        Control per unit of error, or of setpoint, at the same tick.
+    feedthrough : float
+        Control per unit of error at the same tick, as what was limited is taken back by it.
+    parts : tuple of float
+        Such feedthroughs of the proportional part, kp, and of the integral and the derivative part.
     tracking_gain : float
         What the integral's input gets per unit of limited less unlimited control.
     conditioned : bool
         Whether all that is remembered may take in what was limited.
     """
 
-    kp: float
     ki: float
     weights: Matrix
     feedthrough: float
-    setpoint_feedthrough: float
+    parts: tuple[float, float, float]
     tracking_gain: float
     conditioned: bool
+
+    def setpoint_feedthrough(self, settings: ControllerSettings) -> float:
+        """Control per unit of setpoint at the same tick."""
+        return weighted(self.parts, settings)
 
     def towards(self, other: Reading, share: float) -> Reading:
         """The reading on the straight line to another one, which it is at share 1."""
@@ -39,11 +47,22 @@ class Reading:
             return (1.0 - share) * a + share * b
 
         return Reading(
-            go(self.kp, other.kp),
             go(self.ki, other.ki),
             (1.0 - share) * self.weights + share * other.weights,
             go(self.feedthrough, other.feedthrough),
-            go(self.setpoint_feedthrough, other.setpoint_feedthrough),
+            (go(self.parts[0], other.parts[0]), go(self.parts[1], other.parts[1]), go(self.parts[2], other.parts[2])),
             go(self.tracking_gain, other.tracking_gain),
             self.conditioned and other.conditioned,
         )
+
+
+def reading_of(operators: Operators, gains: Fopid, tracking_gain: float, conditioned: bool) -> Reading:
+    """What gains come to, read by operators that are set to their orders."""
+    return Reading(
+        ki=gains.ki,
+        weights=operators.weights * [[gains.ki], [gains.kd]],
+        feedthrough=direct_feedthrough(operators, gains),
+        parts=feedthroughs(operators, gains),
+        tracking_gain=tracking_gain,
+        conditioned=conditioned,
+    )

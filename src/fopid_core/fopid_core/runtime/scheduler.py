@@ -25,8 +25,7 @@ _FINER = 32
 _FADING = 50
 """Ticks in which a step that no integral will take back fades, where the filter of the variable is not slower."""
 
-_READ_BY = ("sample_time", "active_band", "derivative_filter_time", "setpoint_weight", "derivative_setpoint_weight",
-            "tracking_time")  # fmt: skip
+_READ_BY = ("sample_time", "active_band", "derivative_filter_time", "tracking_time")
 """Settings that a reading depends on."""
 
 
