@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -108,14 +109,25 @@ def test_a_delay_gets_no_kick_that_an_index_does_not_count(seed: int) -> None:
     assert reached[-100:] == pytest.approx(6.0, abs=0.1)
 
 
+def slow() -> Lags:
+    """Behind an actuator that moves by half a unit a second."""
+    return Lags(0.5, 1.5, 5.0, 2.0, 1.0, rate=0.5)
+
+
+def day_behind_slow() -> Record:
+    return day(slow(), 0.3, 0.05, [0.0, 6.0, -4.0, 3.0, 0.0], 1500, 0.05, 0)
+
+
 @pytest.mark.slow
 def test_an_actuator_that_is_slow_is_learnt_and_kept_to() -> None:
     """A step as large as the record's overshot by 25 % where 0.001 was said."""
-
-    def slow() -> Lags:
-        return Lags(0.5, 1.5, 5.0, 2.0, 1.0, rate=0.5)
-
-    found = tune_recorded(day(slow(), 0.3, 0.05, [0.0, 6.0, -4.0, 3.0, 0.0], 1500, 0.05, 0), "time")
+    found = tune_recorded(day_behind_slow(), "time")
     assert found.success, found.message
     assert "the actuator may be as slow as 0.4" in found.message or "as slow as 0.5" in found.message
     assert overshoot_pct(lived(found, slow(), 10.0, 600) / 10.0) < 6.0
+
+
+@pytest.mark.slow
+def test_a_method_that_cannot_keep_to_a_slow_actuator_says_that_it_is_slow() -> None:
+    found = tune_recorded(day_behind_slow(), "frequency")
+    assert re.search(r"no more than 0\.[45]\d* a second, which tune frequency does not keep to", found.message)

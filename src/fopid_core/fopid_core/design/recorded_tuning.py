@@ -282,16 +282,20 @@ def tune_recorded(
 def _learnt(record: Record, method: str, template: str, clock: Clock, noise: float) -> IdentificationResult:
     """The process of a record, for a design by a method.
 
-    Behind a limit on the actuator's moves where the method can keep it: a process looks slower than it is in small
-    moves with one.
+    Behind a limit on the actuator's moves where the method can keep it: a process looks slower than it is in large
+    moves with one. Where it cannot, that is said, and the design is for the slower one.
     """
     found = identify(record, template, clock, noise)
     if template != "all" or not found.success or found.best is None:
         return found
     found = runs_away_instead(found.behind_actuator(record), found.best, noise) or found
-    if method != "time" or found.best is None or found.best.whiteness.white:
+    if found.best is None or found.best.whiteness.white:
         return found
-    return behind_slow_actuator(record, found, noise=noise) or found
+    slow = behind_slow_actuator(record, found, noise=noise)
+    if slow is None or method == "time":
+        return slow or found
+    limit = f"the actuator seems to move by no more than {slow.flaws.rate:.3g} a second"
+    return replace(found, message=f"{found.message}; {limit}, which tune {method} does not keep to: tune time does")
 
 
 def _calmed(request: TuningRequest, tuned: RobustTuning) -> tuple[RobustTuning, str]:
