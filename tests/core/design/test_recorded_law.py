@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lti
@@ -9,7 +11,7 @@ from scipy.signal import lti
 from fopid_core.api.learning import identify as learn
 from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
-from fopid_core.design.recorded_law import contradicts_law
+from fopid_core.design.recorded_law import contradicts_law, lateness, made_prompt
 from fopid_core.design.recorded_tuning import tune_recorded
 from fopid_core.model.process import Process
 from tests.cases import slow
@@ -67,3 +69,21 @@ def test_a_control_that_no_short_law_explains_says_nothing() -> None:
     assert contradicts_law(record, wrong) == ""
     by_hand = Record(record.time, np.round(record.control, -4), record.measurement, record.setpoint)
     assert contradicts_law(by_hand, wrong) == ""
+
+
+@pytest.mark.parametrize("late", [*slow(1, 3), 24])
+def test_a_control_that_was_told_late_counts_from_when_it_was_given(late: int) -> None:
+    """With 12 s of lateness for 10 s of delay gains came that swung for ever."""
+    record = day(0, 0.0)
+    told = replace(record, control=np.append(np.full(late, record.control[0]), record.control[:-late]))
+    assert lateness(record) == 0.0
+    assert made_prompt(record) is record
+    prompt = made_prompt(told)
+    assert prompt.late == late * H
+    assert np.array_equal(prompt.control, record.control[:-late])
+    assert np.array_equal(prompt.measurement, record.measurement[:-late])
+    found = tune_recorded(told, "frequency", template="soptd")
+    assert found.success, found.message
+    assert f"{late * H:g} s late by the law that explains it" in found.message
+    assert found.identified.best is not None
+    assert found.identified.best.process.delay == pytest.approx(DELAY * H, abs=0.6 * H)

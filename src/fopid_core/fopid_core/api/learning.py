@@ -136,6 +136,7 @@ def identify(
     """
     from fopid_core.design.identification import identify as identification
     from fopid_core.design.identification.record import Record as Signals
+    from fopid_core.design.recorded_law import made_prompt
     from fopid_core.design.response_verification import checked
 
     signals = (time, control, measurement)
@@ -155,4 +156,5 @@ def identify(
         from fopid_core.study.records import read_record
 
         found = read_record(record, control_before=control_before, columns=columns)
+    found = made_prompt(found)
     return checked(found, identification.identify(found, template), template)

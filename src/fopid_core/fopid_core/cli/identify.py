@@ -77,6 +77,7 @@ def identify_verb(
         "quantisation": sensor.step,
         "control_limits": [signals.control_min, signals.control_max],
         "rows_left_out": signals.left_out,
+        "control_late": signals.late,
         "plot": str(plot) if plot and best else None,
         "elapsed_s": found.elapsed,
     }

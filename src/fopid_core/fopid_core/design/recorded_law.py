@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import lfilter, lfiltic
@@ -18,6 +19,12 @@ LAGS = 4
 """The law looks so many samples back."""
 LEFT_MAX = 0.02
 """Share of the control's range that it may be off by, told from its first samples and the other signals alone."""
+MOST_LATE = 100
+"""So many samples a control may be told late."""
+CLEARLY, SHARPLY, EXACT = 0.25, 5.0, 1e-9
+"""A law that answers so late is off by that share of what one that answers at once is, where that is off, and one that
+answers a sample later by so many times as much; one that is off by so little is exact."""
+_AWAY = 1e9
 TIMES, MOST_SAMPLES, FAR = 5, 50_000, 30.0
 """It would not hold a process that it drives so many times as far as the record went, in so many times as long."""
 
@@ -54,13 +61,62 @@ def recorded_law(record: Record) -> RecordedLaw | None:
     >>> recorded_law(Record(np.arange(150.0), rng.standard_normal(150), y, r)) is None
     True
     """
+    law, left = _answering(record)
+    return law if left <= LEFT_MAX else None
+
+
+def lateness(record: Record) -> float:
+    """By how long the control answers late, as the law that explains it shows [s]; 0 where none does.
+
+    A control that is told late hides as much of its process's delay.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> r, y = np.repeat([0.0, 1.0, -1.0], 50), rng.standard_normal(150)
+    >>> u = 2.0 * (r - y) + 0.1 * np.cumsum(r - y)
+    >>> lateness(Record(0.5 * np.arange(150), u, y, r)), lateness(Record(0.5 * np.arange(150), np.roll(u, 8), y, r))
+    (0.0, 4.0)
+    """
+    if record.time.size > MOST_SAMPLES:
+        record = record.part(last=float(record.time[MOST_SAMPLES]))
+    at_once = _answering(record)[1]
+    if math.isinf(at_once):
+        return 0.0
+    most = LAGS if at_once <= LEFT_MAX else min(MOST_LATE, record.time.size // 4)
+    left = np.array([at_once, *(_answering(record, late)[1] for late in range(1, most + 2))])
+    least = float(left.min())
+    latest = int(np.flatnonzero(left <= max(2.0 * least, EXACT))[-1])
+    is_law = least <= LEFT_MAX and (at_once <= LEFT_MAX or least <= CLEARLY * at_once)
+    is_sharp = latest <= most and left[latest + 1] >= SHARPLY * max(least, EXACT)
+    return latest * record.sample_time if is_law and is_sharp else 0.0
+
+
+def made_prompt(record: Record) -> Record:
+    """The record with the control from when it was given, where it was told late and what an experiment added is not.
+
+    Of a controller that does act late its delay counts to the process then, as another in its place would find it.
+    """
+    late = round(lateness(record) / record.sample_time) if record.excitation is None else 0
+    if not late:
+        return record
+    kept = record.time.size - late
+    setpoint = None if record.setpoint is None else record.setpoint[:kept]
+    return replace(
+        record, time=record.time[:kept], control=record.control[late:], measurement=record.measurement[:kept],
+        setpoint=setpoint, late=record.late + late * record.sample_time,
+    )  # fmt: skip
+
+
+def _answering(record: Record, late: int = 0) -> tuple[RecordedLaw | None, float]:
+    """The law by which a control answers what was so many samples before, and the share of its range it is off by."""
     if record.setpoint is None or not np.ptp(record.setpoint) or not record.is_regular:
-        return None
-    now = np.arange(LAGS, record.time.size)[:, np.newaxis]
+        return None, math.inf
+    now = np.arange(LAGS + late, record.time.size)[:, np.newaxis]
     own = record.control[now - 1 - np.arange(LAGS)]
-    others = [signal[now - np.arange(LAGS + 1)] for signal in (record.setpoint, record.measurement)]
+    others = [signal[now - late - np.arange(LAGS + 1)] for signal in (record.setpoint, record.measurement)]
     columns = np.hstack([own, *others])
-    matrix, target = columns - columns.mean(axis=0), record.control[LAGS:]
+    matrix, target = columns - columns.mean(axis=0), record.control[LAGS + late :]
     sizes = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
     numbers = np.linalg.lstsq(matrix / sizes, target - target.mean(), rcond=1e-9)[0] / sizes
     others_alone = (columns[:, LAGS:] - columns[:, LAGS:].mean(axis=0)) @ numbers[LAGS:]
@@ -68,10 +124,8 @@ def recorded_law(record: Record) -> RecordedLaw | None:
     poles = np.append(1.0, -numbers[:LAGS])
     told, _ = lfilter([1.0], poles, others_alone + constant, zi=lfiltic([1.0], poles, own[0]))
     with np.errstate(all="ignore"):  # a law that runs away by itself tells no record
-        left = float(np.abs(told - target).max())
-    if not left <= LEFT_MAX * np.ptp(target):
-        return None
-    return RecordedLaw(numbers[:LAGS], numbers[-(LAGS + 1) :])
+        left = float(np.abs(told - target).max() / np.ptp(target))
+    return RecordedLaw(numbers[:LAGS], numbers[-(LAGS + 1) :]), left if math.isfinite(left) else _AWAY
 
 
 def contradicts_law(record: Record, process: Process) -> str:

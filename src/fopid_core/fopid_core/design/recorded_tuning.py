@@ -17,7 +17,7 @@ from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
 from fopid_core.design.identification.record import Record
 from fopid_core.design.loop_worth import noise_gain
-from fopid_core.design.recorded_law import contradicts_law
+from fopid_core.design.recorded_law import contradicts_law, made_prompt
 from fopid_core.design.response_verification import held_to_record, no_objection, runs_away_instead
 from fopid_core.design.robust_verification import UNSEEN, RobustLimits, RobustTuning, as_held, tune_robustly
 from fopid_core.design.setpoint_weights import calmest_weights
@@ -235,7 +235,7 @@ def tune_recorded(
     (True, 0.5, 0.01)
     """
     given = {name: value for name, value in (options or {}).items() if value is not None}
-    limits = limits or RobustLimits()
+    limits, record = limits or RobustLimits(), made_prompt(record)
     noise, judges = sensor_noise(record), identified is None
     level = noise.level if noise.at_rest else 0.0
     identified = identified or _learnt(record, method, template, clock, level)

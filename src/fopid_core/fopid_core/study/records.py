@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fopid_core.design.identification.record import Record
+from fopid_core.design.recorded_law import made_prompt
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.runtime.settings import ControllerSettings
@@ -29,6 +30,8 @@ def read_record(
 ) -> Record:
     """A record from a csv file with the columns time, control, measurement and optionally setpoint, or from a bag.
 
+    A control of a csv file that was told late counts from when it was given.
+
     Parameters
     ----------
     path : Path or str
@@ -48,14 +51,9 @@ def read_record(
     if Path(path).suffix.lower() == ".csv":
         found = read_csv_signals(Path(path), columns)
         signals = found.values
-        return Record(
-            signals["time"],
-            signals["control"],
-            signals["measurement"],
-            signals.get("setpoint"),
-            control_before,
-            found.left_out,
-        )
+        time, control, measurement = (signals[name] for name in ("time", "control", "measurement"))
+        setpoint = signals.get("setpoint")
+        return made_prompt(Record(time, control, measurement, setpoint, control_before, found.left_out))
     from fopid_core.study.bags.bag import read_bag
 
     return record_of_run(read_bag(path, namespace), control_before)

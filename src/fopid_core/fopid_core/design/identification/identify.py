@@ -178,7 +178,7 @@ def identify(
         told += (
             f"; of {whole.time.size} samples the {record.time.size} of the longest stretch without a break were used"
         )
-    return IdentificationResult(not found.refusal, told, found.models, found.best, clock() - begun)
+    return IdentificationResult(not found.refusal, told + _late(whole), found.models, found.best, clock() - begun)
 
 
 @dataclass(frozen=True)
@@ -311,7 +311,14 @@ def behind_slow_actuator(
     if found.refusal:
         return replace(learnt, best=replace(best, flaws=flaws))
     found = found.behind(replace(found.best.flaws, rate=flaws.rate))
-    return IdentificationResult(True, _told(found.best), found.models, found.best, time.perf_counter() - begun)
+    told = _told(found.best) + _late(record)
+    return IdentificationResult(True, told, found.models, found.best, time.perf_counter() - begun)
+
+
+def _late(record: Record) -> str:
+    """What is said of a control that was told late."""
+    answers = f"; the control answers setpoint and measurement {record.late:.3g} s late by the law that explains it"
+    return f"{answers}, and counts from when it would have been given at once" if record.late else ""
 
 
 def _search(template: str, noise: float, disturbances: bool = True, unstable: bool = True) -> _Search:

@@ -51,6 +51,8 @@ class Record:
         Limits of the control and of its moves per second, where the source says them; else infinite.
     excitation : ndarray, optional
         What an experiment has added to the control, where that is known: a part of the control that answers nothing.
+    late : float
+        By how long the source told the control late [s], which has been made good.
 
     Examples
     --------
@@ -69,6 +71,7 @@ class Record:
     control_max: float = math.inf
     control_rate_max: float = math.inf
     excitation: Floats | None = None
+    late: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("time", "control", "measurement", "setpoint", "excitation"):
