@@ -13,7 +13,7 @@ from fopid_core.model.fopid import Fopid
 from fopid_ros.tuner.learning.closed_loop_experiment import LONGEST, ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.reach import Reach
-from fopid_ros.tuner.learning.running_controller import read_running_controller
+from fopid_ros.tuner.learning.running_controller import TICKS_MIN, read_running_controller
 
 
 def experiment(name: str, seed: int, history: float = 600.0) -> tuple[VirtualLoop, ClosedLoopExperiment, list[str]]:
@@ -88,6 +88,7 @@ def test_without_gains_it_says_how_to_come_by_the_first() -> None:
 def test_gains_without_a_time_scale_are_moved_for_as_long_as_those_they_were_learnt_with(gains: Fopid) -> None:
     loop = VirtualLoop(GALLERY["flexible_joint"], 1)
     loop.set(gains=gains)
-    before = Reach(0.01, 0.05, 0.5, duration=12.0)
-    baseline = LoopBaseline(read_running_controller(loop))
-    assert ClosedLoopExperiment(loop, loop, baseline, ExperimentSettings(), before).duration == 12.0
+    baseline, least = LoopBaseline(read_running_controller(loop)), 10.0 * TICKS_MIN * loop.sample_time
+    before = Reach(0.01, 0.05, 0.5, duration=2.0 * least)
+    assert ClosedLoopExperiment(loop, loop, baseline, ExperimentSettings(), before).duration == 2.0 * least
+    assert ClosedLoopExperiment(loop, loop, baseline, ExperimentSettings()).duration == least

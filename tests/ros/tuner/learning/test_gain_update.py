@@ -459,6 +459,15 @@ def test_a_controller_is_held_to_what_its_actuator_can_follow_and_never_hurried(
     assert ("(control_rate_max)" in tried.message) == (sent is not None)
 
 
+def test_a_pace_that_is_found_after_the_design_is_told_with_its_gains(learnt: IdentificationResult) -> None:
+    """It printed the one from before, which makes another loop."""
+    _, outcome = handed_over(Running(lambda _: 1.0), learnt)
+    used, *others = outcome.held(Pace(4.0)).candidates
+    assert used.tuned.tuning.controller == outcome.tuned.tuning.controller
+    assert used.pace == Pace(4.0)
+    assert all(one.pace == Pace() for one in others)
+
+
 @pytest.mark.parametrize(("now", "sent"), [(0.0, 0.25), (0.2, 0.25), (0.25, None), (0.5, None)])
 def test_what_the_steps_of_a_sensor_hide_counts_as_none_and_no_deadband_is_made_less(
     learnt: IdentificationResult, now: float, sent: float | None

@@ -28,7 +28,6 @@ from fopid_ros.tuner.learning.gain_update import (
     Outcome,
     Trial,
     counting_as_none,
-    held_to,
     response_time,
 )
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
@@ -312,7 +311,7 @@ class Autotuner:
     def _held(self, outcome: Outcome, update: GainUpdate, proof: Proof, pace: Pace) -> Outcome:
         """Hold the controller to a pace, and move the loop with it; those from before come back if it swings on."""
         self._client.hold(pace)  # whoever does not hear that does not keep the gains
-        outcome = replace(outcome, message=f"{outcome.message}; {held_to(pace)}")
+        outcome = outcome.held(pace)
         if math.isinf(pace.control):
             return outcome
         try:

@@ -62,10 +62,10 @@ SEEN_SAMPLES = 2000
 """So many of the newest samples show how a measurement is quantised."""
 TOTAL, TOTAL_UNTIL_KNOWN = 2.0, 1.2
 """How long all of it takes, in lengths of the experiment; where it ends when enough is known."""
-LONGEST = 3.0
-"""No further experiment is begun that would end later than this, in the same lengths."""
-WORKING_OUT = ", and some seconds to a minute to work gains out"
-"""What is said beside it, since that depends on the computer."""
+LONGEST, OVER = 3.0, 0.1
+"""No further experiment is begun that would end later than this, in the same lengths, and so much more."""
+THEN = "then gains are worked out (seconds to a minute), watched and proved: how long is told with them"
+"""What is said beside it, since that depends on the computer and on the new loop."""
 LOOKS_AT = (3, 4, 5, 6, 8, 10, 13, 17, 22)
 """After how many holds of a prbs it is looked whether enough is known."""
 WAY_BACK = (0.5, 0.6, 0.7, 0.8, 0.9)
@@ -147,9 +147,10 @@ class ClosedLoopExperiment:
 
     def _chosen_duration(self) -> float:
         """Of the experiment [s]."""
-        duration = self._wanted.duration or INTEGRAL_TIMES * integral_time(self.loop.controller.gains)
+        gains = self.loop.controller.gains
+        duration = self._wanted.duration or INTEGRAL_TIMES * integral_time(gains)
         duration = duration if math.isfinite(duration) else self._before.duration
-        if not duration:
+        if not (duration or gains.kp or gains.ki or gains.kd):
             first = "without gains, record a step of the control in manual mode: fopid design FILE gives the first ones"
             raise InputError(f"duration = 0; allowed: above 0 s, since the present gains show no time scale; {first}")
         return max(duration, 10 * TICKS_MIN * self.loop.controller.sample_time)
@@ -222,9 +223,7 @@ class ClosedLoopExperiment:
         self._tap.set_tick_hook(hook)
         self._wait.until(
             measured,
-            lambda: Stage(
-                "measuring", 0.0, self.estimate, loop.offset, message=f"about {self.estimate:.3g} s in all{self._more}"
-            ),
+            lambda: Stage("measuring", 0.0, self.estimate, loop.offset, message=self.announced),
         )
         if not loop.at_steady_state:
             raise RestlessError(loop.why_not_at_rest(duration))
@@ -243,10 +242,10 @@ class ClosedLoopExperiment:
         return wanted.until_known and wanted.excitation == "prbs" and not wanted.duration
 
     @property
-    def _more(self) -> str:
-        """What is said beside the estimate."""
-        longest = f", up to {LONGEST * self.duration:.3g} s of experiments where that says too little"
-        return f"{longest}, the proof of new gains beside it{WORKING_OUT}"
+    def announced(self) -> str:
+        """How long it takes, in words."""
+        longest = f"up to {LONGEST * self.duration:.3g} s where they say too little"
+        return f"about {self.estimate:.3g} s of rest and experiments, {longest}; {THEN}"
 
     @property
     def newest(self) -> float:
@@ -255,8 +254,8 @@ class ClosedLoopExperiment:
 
     @property
     def fits(self) -> bool:
-        """Whether there is time for one more experiment within what was announced."""
-        return self.newest + self.duration <= self.latest
+        """Whether there is time for one more experiment within what was announced, or nearly."""
+        return self.newest + (1.0 - OVER) * self.duration <= self.latest
 
     def excite(self, known: Callable[[], bool] = lambda: False) -> str:
         """Make the experiment; after one that said too little the whole of it, with larger moves if that moved little.

@@ -29,6 +29,8 @@ from fopid_ros.tuner.learning.running_controller import TICKS_MIN, RunningContro
 
 MONITORED_RESPONSES = 10.0
 """How long new gains are watched, in response times."""
+PROOF_RESPONSES = 12.0
+"""About how long their proof takes: two moves there and back, and rest after each."""
 SILENT = SensorNoise(0.0, 0.0)
 PROOF_SECONDS = 30.0
 """What a proof for a region may take where there is no timeout."""
@@ -87,6 +89,16 @@ class Outcome:
     pace: Pace = UNPACED
     deadband: float = 0.0
 
+    def held(self, pace: Pace) -> Outcome:
+        """With its gains held to a pace that was found after they were designed."""
+        used = self.tuned.tuning.controller if self.tuned and self.tuned.tuning else None
+
+        def is_used(one: Candidate) -> bool:
+            return used is not None and one.tuned.tuning is not None and one.tuned.tuning.controller == used
+
+        candidates = tuple(replace(one, pace=pace) if is_used(one) else one for one in self.candidates)
+        return replace(self, pace=pace, candidates=candidates, message=f"{self.message}; {held_to(pace)}")
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -97,10 +109,13 @@ class Trial:
     design : RunningDesign
     response_time : float
         Of the loop with them [s].
+    proof : float
+        About how long it takes to move the loop with them afterwards [s]; 0 where that is not done.
     """
 
     design: RunningDesign
     response_time: float
+    proof: float = 0.0
 
     def watched(self, sample_time: float) -> float:
         """How long they are watched [s]."""
@@ -287,7 +302,7 @@ class GainUpdate:
         changed = pace if pace != self._controller.pace else None
         deadband = outcome.deadband if outcome.deadband > self._controller.deadband else None
         whole = RunningDesign(design.controller, design.filter, chosen, changed, deadband)  # as it was verified
-        trial = Trial(whole, response_time(outcome))
+        trial = Trial(whole, response_time(outcome), PROOF_RESPONSES * response_time(outcome))
         return self.try_out(trial, outcome, before, residual_transient, error_factor, outside)
 
     def try_out(
@@ -295,14 +310,16 @@ class GainUpdate:
         outside: Callable[[Tick], str] = lambda _: "",
     ) -> Outcome:  # fmt: skip
         """As ``apply_and_monitor``, with these gains."""
-        self._wait.report(Stage("applying", 0.75, message=str(trial.design.gains)))
+        window = trial.watched(self._controller.sample_time)
+        left = window + trial.proof
+        told = f"about {left:.3g} s more to watch{' and to prove' if trial.proof else ''} them"
+        self._wait.report(Stage("applying", 0.75, left, message=f"{trial.design.gains}; {told}"))
         self._trial = trial.design
         try:
             self._previous = self._client.apply(self._trial, "trial", outcome.certificate)
         except UnconfirmedError as error:  # they may have been taken: taking back must not depend on it
             self._previous = error.previous
             raise
-        window = trial.watched(self._controller.sample_time)
         settings = MonitorSettings(window, trial.response_time, error_factor=error_factor, noise=residual_transient)
         watch = self._watch(PerformanceMonitor(before, settings, self._controller.sample_time), outside)
         applied = replace(outcome, applied=True, previous=self._previous)

@@ -67,6 +67,11 @@ class Proof(ClosedLoopExperiment):
         super().__init__(tap, wait, loop, wanted, before)
         self._rest = rest
 
+    @property
+    def announced(self) -> str:
+        """What is waited for."""
+        return "until the loop rests"
+
     def prove(self, response_time: float) -> str:
         """Move the loop and look.
 
