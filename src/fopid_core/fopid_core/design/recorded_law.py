@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import lfilter, lfiltic
 
-from fopid_core.design.identification.record import Record
+from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
 from fopid_core.errors import InputError
-from fopid_core.model.arrays import Floats
+from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.process import Process
 from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.plant import PlantSettings
@@ -24,6 +25,8 @@ MOST_LATE = 100
 CLEARLY, SHARPLY, EXACT = 0.25, 5.0, 1e-9
 """A law that answers so late is off by that share of what one that answers at once is, where that is off, and one that
 answers a sample later by so many times as much; one that is off by so little is exact."""
+PART = 0.25
+"""A part of a record in which a control moves at each sample shows its law where it is such a share of it."""
 _AWAY = 1e9
 TIMES, MOST_SAMPLES, FAR = 5, 50_000, 30.0
 """It would not hold a process that it drives so many times as far as the record went, in so many times as long."""
@@ -44,6 +47,19 @@ class RecordedLaw:
     own: Floats
     measurement: Floats
 
+    def response(self, theta: Floats) -> Complexes:
+        """From the measurement to the control, its sign turned, at frequencies [rad a sample]; shape (n,).
+
+        Examples
+        --------
+        >>> law = RecordedLaw(np.array([1.0, 0.0, 0.0, 0.0]), np.array([-2.1, 2.0, 0.0, 0.0, 0.0]))
+        >>> law.response(np.array([math.pi])).round(6)  # 2 e + 0.1 sum(e)
+        array([2.05+0.j])
+        """
+        back = np.exp(-1j * theta)
+        own, measured = np.append(1.0, -self.own), self.measurement
+        return np.asarray(-np.polyval(measured[::-1], back) / np.polyval(own[::-1], back))
+
 
 def recorded_law(record: Record) -> RecordedLaw | None:
     """The law by which a record's control answers its setpoint and its measurement; None where none explains it.
@@ -61,8 +77,11 @@ def recorded_law(record: Record) -> RecordedLaw | None:
     >>> recorded_law(Record(np.arange(150.0), rng.standard_normal(150), y, r)) is None
     True
     """
-    law, left = _answering(record)
-    return law if left <= LEFT_MAX else None
+    for part in _parts(record):
+        law, left = _answering(part)
+        if left <= LEFT_MAX:
+            return law
+    return None
 
 
 def lateness(record: Record) -> float:
@@ -78,8 +97,22 @@ def lateness(record: Record) -> float:
     >>> lateness(Record(0.5 * np.arange(150), u, y, r)), lateness(Record(0.5 * np.arange(150), np.roll(u, 8), y, r))
     (0.0, 4.0)
     """
-    if record.time.size > MOST_SAMPLES:
-        record = record.part(last=float(record.time[MOST_SAMPLES]))
+    return next((late for part in _parts(record) if (late := _lateness(part))), 0.0)
+
+
+def _parts(record: Record) -> Iterator[Record]:
+    """The record, and its longest part in which the control moves at each sample: at a limit it answers nothing."""
+    yield record if record.time.size <= MOST_SAMPLES else record.part(last=float(record.time[MOST_SAMPLES]))
+    still = np.flatnonzero(np.diff(record.control, prepend=math.nan, append=math.nan) == 0.0)
+    edges = np.concatenate([[0], still, [record.time.size - 1]])
+    longest = int(np.argmax(np.diff(edges)))
+    first, last = int(edges[longest]), int(edges[longest + 1])
+    if still.size and min(last - first, MOST_SAMPLES) >= PART * record.time.size and last - first >= FEWEST_SAMPLES:
+        yield record.part(float(record.time[first]), float(record.time[min(last, first + MOST_SAMPLES)]))
+
+
+def _lateness(record: Record) -> float:
+    """Of one part [s]."""
     at_once = _answering(record)[1]
     if math.isinf(at_once):
         return 0.0

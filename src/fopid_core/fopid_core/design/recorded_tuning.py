@@ -18,6 +18,7 @@ from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
 from fopid_core.design.identification.record import Record
 from fopid_core.design.loop_worth import noise_gain
 from fopid_core.design.recorded_law import contradicts_law, made_prompt
+from fopid_core.design.recorded_reach import RecordedReach, recorded_reach
 from fopid_core.design.response_verification import held_to_record, no_objection, runs_away_instead
 from fopid_core.design.robust_verification import UNSEEN, RobustLimits, RobustTuning, as_held, tune_robustly
 from fopid_core.design.setpoint_weights import calmest_weights
@@ -259,10 +260,19 @@ def tune_recorded(
         else ("", no_objection)
     )
 
+    reach = recorded_reach(record, best) if judges else RecordedReach()
+
     def refused(tuning: TuningResult) -> str:
-        return refuse(tuning) or contradicted(tuning.controller, tuning.filter)
+        return (
+            refuse(tuning)
+            or contradicted(tuning.controller, tuning.filter)
+            or reach.refusal(tuning.controller, tuning.filter)
+        )
 
     request, tuned = _quiet(identified, request, given, limits, bounds, clock, refused)
+    if not tuned.success and method == "time" and (box := reach.box(best.process)):
+        slower = replace(request, bounds={**box, **request.bounds})
+        request, tuned = _quiet(identified, slower, given, limits, bounds, clock, refused)
     success, told = tuned.success, f"{doubt}; {tuned.message}" if doubt else tuned.message
     if not success and method != "time" and best.structure.runs_away:
         told = f"{told}; a process that runs away is a case for tune time"

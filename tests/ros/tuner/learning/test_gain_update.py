@@ -26,7 +26,7 @@ from fopid_core.runtime.performance_monitor import PerformanceMeter
 from fopid_core.runtime.settings import UNPACED, Pace
 from fopid_ros.tuner.controller_client import RunningDesign, UnconfirmedError
 from fopid_ros.tuner.learning import gain_update as gain_update_module
-from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, Trial
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome, Trial, wear_in_noise
 from fopid_ros.tuner.learning.history import History
 from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.loop_wait import CancelledError, Stage
@@ -457,6 +457,18 @@ def test_a_controller_is_held_to_what_its_actuator_can_follow_and_never_hurried(
     tried = handover_of(running, pace=now).apply_and_monitor(replace(outcome, pace=Pace(5.0, 2.0)), quiet(), 0.01, 2.0)
     assert [design.pace for design in running.applied] == [sent]
     assert ("(control_rate_max)" in tried.message) == (sent is not None)
+
+
+@pytest.mark.parametrize(("dead_band", "wears"), [(0.0, False), (0.01, True), (1.0, False)])
+def test_gains_whose_noise_moves_an_actuator_out_of_its_dead_band_say_so(
+    learnt: IdentificationResult, dead_band: float, wears: bool
+) -> None:
+    """A valve that had rested made ten strokes a second, and nothing told of it."""
+    used = handed_over(Running(lambda _: 1.0), learnt)[1].candidates[0]
+    assert used.worth is not None
+    told = wear_in_noise(used, dead_band, noise=0.01 / used.worth.noise_gain)
+    assert told.startswith("noise moves the control by 0.01 and so the actuator for ever") == wears
+    assert bool(told) == wears
 
 
 def test_a_pace_that_is_found_after_the_design_is_told_with_its_gains(learnt: IdentificationResult) -> None:

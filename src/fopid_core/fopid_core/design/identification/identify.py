@@ -308,7 +308,8 @@ def behind_slow_actuator(
     is_new = math.isinf(learnt.flaws.rate)
     if not possible and (found.refusal or (is_new and gained(best.fitted, found.best.fitted) < PROOF)):
         return None
-    if found.refusal:
+    # What small moves showed as stable does not run away for a limit that may be there.
+    if found.refusal or (possible and found.best.structure.runs_away and not best.structure.runs_away):
         return replace(learnt, best=replace(best, flaws=flaws))
     found = found.behind(replace(found.best.flaws, rate=flaws.rate))
     told = _told(found.best) + _late(record)

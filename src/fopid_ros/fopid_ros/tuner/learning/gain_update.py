@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from fopid_core.design.acceptance import rejection_reason
 from fopid_core.design.flaw_trial import UNLIMITED
 from fopid_core.design.identification.identified_model import IdentifiedModel
@@ -19,6 +21,7 @@ from fopid_core.design.robust_verification import RobustLimits, RobustTuning, fi
 from fopid_core.design.slower import slower_design
 from fopid_core.design.specification import TuningRequest, TuningResult
 from fopid_core.errors import InputError
+from fopid_core.model.arrays import Floats
 from fopid_core.model.two_degrees import WHOLE_SETPOINT
 from fopid_core.runtime.performance_monitor import LoopPerformance, MonitorSettings, PerformanceMonitor
 from fopid_core.runtime.settings import UNPACED, Pace
@@ -31,6 +34,8 @@ MONITORED_RESPONSES = 10.0
 """How long new gains are watched, in response times."""
 PROOF_RESPONSES = 12.0
 """About how long their proof takes: two moves there and back, and rest after each."""
+WAKES = 1.0 / 3.0
+"""Noise whose standard deviation at the control is that share of a dead band takes the actuator out of it often."""
 SILENT = SensorNoise(0.0, 0.0)
 PROOF_SECONDS = 30.0
 """What a proof for a region may take where there is no timeout."""
@@ -131,6 +136,15 @@ def held_to(pace: Pace, moves: str = "moves", now: str = " now") -> str:
         if math.isfinite(most)
     ]
     return f"the actuator may be slow: {', '.join(told)}"
+
+
+def wear_in_noise(used: Candidate, dead_band: Floats | float, noise: float) -> str:
+    """What is said of gains whose noise takes an actuator out of its dead band again and again."""
+    moved, band = noise * used.worth.noise_gain if used.worth else 0.0, float(np.max(dead_band))
+    if not 0.0 < WAKES * band < moved:
+        return ""
+    rests = "keeps it at rest more of the time, for more error"
+    return f"noise moves the control by {moved:.3g} and so the actuator for ever: a smaller verify.noise_share {rests}"
 
 
 def counting_as_none(deadband: float, count: str = "count") -> str:
@@ -235,7 +249,8 @@ class GainUpdate:
             every=every, only=only, tell=tell,
         )  # fmt: skip
         paced = held_to(improved.pace, "is to move", "") if every and improved.pace != UNPACED else ""
-        told = "; ".join(filter(None, (str(found.flaws), doubt, improved.message, paced)))
+        wear = wear_in_noise(improved.candidates[0], found.flaws.dead_band, sensor.level) if improved.success else ""
+        told = "; ".join(filter(None, (str(found.flaws), doubt, improved.message, wear, paced)))
         improved = replace(improved, message=told)
         self._wait.report(Stage("verifying", 0.7, message=improved.message))
         outcome = Outcome(
