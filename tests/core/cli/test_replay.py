@@ -32,11 +32,23 @@ def test_it_tells_before_and_after_and_writes_every_signal(tmp_path: Path) -> No
     assert json.loads(refused.stdout)["after"] is None
 
 
+@pytest.mark.slow
+def test_limits_bound_the_gains_that_it_tunes_itself(tmp_path: Path) -> None:
+    write_day(tmp_path / "day.csv")
+    line = ["replay", str(tmp_path / "day.csv"), "--out", str(tmp_path / "out.csv"), "--json"]
+    done = invoke([*line, "--control-min", "-1.5", "--control-max", "2.5"])
+    assert done.exit_code == 0, done.stdout
+    assert "limits leave a control peak" in json.loads(done.stdout)["message"]
+    with (tmp_path / "out.csv").open() as file:
+        controls = [float(row["replayed_control"]) for row in csv.DictReader(file)]
+    assert -1.5 <= min(controls) <= max(controls) <= 2.5
+
+
 @pytest.mark.parametrize(
     ("more", "told"),
     [
         (["--gains", "1,2"], "gains '1,2'; allowed: five numbers"),
-        (["--control-max", "3"], "control-max without gains; allowed: with --gains"),
+        (["--filter", "2,0.1"], "filter without gains; allowed: with --gains"),
         (["--gains", "1,1,0,1,1", "--control-min", "2", "--control-max", "1"], "allowed: min < max"),
     ],
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -67,6 +68,8 @@ def replay_verb(
         settings = _as_it_ran(ran, settings, slow, setpoint_weights, limits)
     signals = signals.part(first, last) if (first, last) != (-math.inf, math.inf) else signals
     refuse_limits_beside(signals, control_min, control_max)
+    if gains is None:
+        signals = _within(signals, limits)
     found = replay(signals, settings, tuned=gains is None)
     if plot and found.success:
         from fopid_core.cli.plots import plot_replay
@@ -99,16 +102,23 @@ def _settings(
 ) -> ControllerSettings | None:
     """The controller to replay, or None for one that is to be tuned."""
     from fopid_core.cli.options import read_loop
-    from fopid_core.runtime.settings import as_designed
+    from fopid_core.model.fopid import Fopid
+    from fopid_core.runtime.settings import ControllerSettings, as_designed
 
     if gains is None:
         given = [name for name, value in {"filter": slow, "setpoint-weights": weights}.items() if value is not None]
-        given += [name.replace("_", "-") for name, value in limits.items() if math.isfinite(value)]
         if given:
             raise InputError(f"{given[0]} without gains; allowed: with --gains")
-        return None
+        is_limited = any(math.isfinite(value) for value in limits.values())
+        return _limited(ControllerSettings(Fopid(0.0)), limits) if is_limited else None
     loop = read_loop("1", gains, slow, weights)
     return _limited(as_designed(loop.controller, 1.0, loop.filter, loop.weights), limits)
+
+
+def _within(signals: Record, limits: Mapping[str, float]) -> Record:
+    """The record with limits that are given, for the gains that are tuned on it."""
+    given: dict[str, Any] = {name: value for name, value in limits.items() if math.isfinite(value)}
+    return replace(signals, **given)
 
 
 def _limited(settings: ControllerSettings, limits: dict[str, float]) -> ControllerSettings:
