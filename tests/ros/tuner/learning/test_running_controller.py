@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from fopid_core.errors import InputError
@@ -15,6 +16,7 @@ from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.settings import Pace
 from fopid_ros.tuner.controller_client import DEADBAND, FILTER, GAINS, PACE, WEIGHTS, RunningDesign
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.running_controller import RunningController, read_running_controller
 
 NOW = RunningDesign(Fopid(0.5, 1.0), MeasurementFilter(2, 0.003), SetpointWeights(0.5, 0.0))
@@ -65,3 +67,14 @@ def test_an_amplitude_beyond_the_limits_is_refused_with_what_they_leave(amplitud
     else:
         with pytest.raises(InputError, match=re.escape(f"amplitude = {amplitude:.4g}; allowed: up to 3, as far as")):
             loop.check_amplitude(amplitude)
+
+
+@pytest.mark.parametrize(("dropped", "told"), [(3, True), (0, False), (100, False)])
+def test_a_sensor_that_drops_out_is_named_beside_its_noise(dropped: int, told: bool) -> None:
+    """One reading of 0 in some seconds looked like a noise of 8.6, about which nothing else was said."""
+    measured = 50.0 + 0.1 * np.random.default_rng(0).standard_normal(300)
+    measured[:dropped] = 0.0
+    loop = LoopBaseline(RunningController(Fopid(1.0, 1.0), 0.05, 0.0, 100.0))
+    loop.measure([Tick(0.05 * k, 50.0, float(value), 3.0) for k, value in enumerate(measured)], 1.0, 0.0)
+    assert ("3 of its samples at rest are far off the others: does the sensor drop out?" in loop.by_itself) == told
+    assert ("far off" in loop.by_itself) == told

@@ -410,8 +410,7 @@ class ClosedLoopExperiment:
             amplitude = min(amplitude * (1.0 if late else MOST_LARGER), self._most())
             if late or not (answered or probe < QUICK):
                 share = min(LONGER * share, PROBE_SHARE_MOST)
-        alone = f"noise {loop.noise:.3g}, by itself it swings by {loop.swing:.3g}"
-        moved = f"the measurement moved by no more than {self._peak:.3g} ({alone})"
+        moved = f"the measurement moved by no more than {self._peak:.3g} ({loop.by_itself})"
         most = "the most that is made where nobody says an amplitude"
         return f"{moved} when the control was moved by {amplitude:.3g}, {most}: is the loop closed?"
 

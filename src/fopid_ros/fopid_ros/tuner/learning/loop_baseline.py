@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from fopid_core.design.identification.noise import SensorNoise, noise_at_rest, resolution, white_level
 from fopid_core.errors import InputError
+from fopid_core.model.arrays import Floats
 from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
 from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.running_controller import RunningController
@@ -28,6 +29,9 @@ UNREST, MOST_UNREST = 1.5, 4.0
 of its own; it counts as so many times the white noise at most."""
 LEAST_MOVE_SHARE = 0.005
 """Of the allowed deviation, that counts as noise where there is less: simulated sensors have none."""
+FAR_OFF, MAD, FEW = 10.0, 1.4826, 0.05
+"""A value that is so many standard deviations off the median, these told from the median distance, is no noise; such a
+share of all may be."""
 SMALL_STEP = 0.25
 """Of the setpoint, as a share of the allowed deviation, that is not to take the control to a limit or past its rate."""
 
@@ -59,6 +63,8 @@ class LoopBaseline:
     figures : LoopPerformance
     deviation_least, deviation_most : float
         What is allowed at least, and at most, where nobody says it.
+    spikes : int
+        So many samples at rest were far off all others, where these were few.
     """
 
     controller: RunningController
@@ -75,6 +81,7 @@ class LoopBaseline:
     figures: LoopPerformance = field(default_factory=lambda: PerformanceMeter(1.0).figures)
     deviation_least: float = 0.0
     deviation_most: float = math.inf
+    spikes: int = 0
 
     def measure(self, ticks: Sequence[Tick], deviation_max: float, travel: float) -> None:
         """Take what a stretch of ticks shows.
@@ -98,6 +105,7 @@ class LoopBaseline:
         self.drift = float(second.mean() - first.mean())
         self.swing = half_range(measured)
         self.noise = max(float(white_level(measured)), resolution(measured) / math.sqrt(12.0))
+        self.spikes = _spikes(measured)
         self.unrest, self.spread = self.noise, spread_about_drift(measured)
         self.coloured = noise_at_rest(measured, self.controller.sample_time)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
@@ -157,6 +165,13 @@ class LoopBaseline:
         return self.coloured or SensorNoise(self.noise, 0.0)
 
     @property
+    def by_itself(self) -> str:
+        """What the measurement does by itself, in words."""
+        told = f"noise {self.noise:.3g}, by itself it swings by {self.swing:.3g}"
+        few = f"{self.spikes} of its samples at rest are far off the others"
+        return f"{told}, and {few}: does the sensor drop out?" if self.spikes else told
+
+    @property
     def least_move(self) -> float:
         """The smallest move of the measurement that can be told from what it does by itself."""
         return max(self.unrest, LEAST_MOVE_SHARE * self.deviation_max)
@@ -188,6 +203,13 @@ class LoopBaseline:
             told = f"measurement swings by {self.swing:.4g} to either side: a limit cycle or a disturbance"
         rest = f"a loop at rest, {most:.4g} at most (a {share} of the {self.deviation_max:.4g} of deviation_max)"
         return f"{told}, for {waited:.3g} s; allowed: {rest}"
+
+
+def _spikes(measured: Floats) -> int:
+    """How many values are far off the others; 0 where these are no few, or the others do not move."""
+    off = np.abs(measured - np.median(measured))
+    count = int((off > FAR_OFF * MAD * np.median(off)).sum()) if np.median(off) else 0
+    return count if count <= FEW * measured.size else 0
 
 
 def half_range(measured: ArrayLike) -> float:
