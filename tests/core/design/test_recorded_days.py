@@ -9,7 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from fopid_core.design import recorded_reach as recorded_reach_module
+from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
+from fopid_core.design.recorded_reach import FASTER, recorded_reach
 from fopid_core.design.recorded_tuning import RecordedTuning, tune_recorded
 from fopid_core.model.indices import overshoot_pct
 from fopid_core.runtime.controller import FopidController
@@ -131,3 +134,28 @@ def test_an_actuator_that_is_slow_is_learnt_and_kept_to() -> None:
 def test_a_method_that_cannot_keep_to_a_slow_actuator_says_that_it_is_slow() -> None:
     found = tune_recorded(day_behind_slow(), "frequency")
     assert re.search(r"no more than 0\.[45]\d* a second, which tune frequency does not keep to", found.message)
+
+
+@pytest.mark.slow
+def test_a_record_of_a_slow_loop_answers_for_no_loop_that_is_far_faster(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Behind a recycle gains came twelve times as large as those that ran, and cycled from limit to limit."""
+    record = day(Lags(0.5, 1.5, 5.0, 2.0, 1.0), 0.05, 0.01, [0.0, 6.0, -4.0, 3.0, 0.0], 1500, 0.3, 0)
+    learnt = identify(record).best
+    assert learnt is not None
+    w = np.geomspace(1e-3, 6.0, 2000)
+    s = 1j * w
+    gain = np.abs((0.05 + 0.01 / s) * 1.5 / ((5.0 * s + 1.0) * (2.0 * s + 1.0)))
+    reach = recorded_reach(record, learnt)
+    assert reach.frequency >= 0.9 * FASTER * w[gain >= 1.0][-1]
+    assert reach.frequency < 0.2
+
+    def refused() -> str:
+        found = tune_recorded(record, "time")
+        assert found.success, found.message
+        assert found.tuned is not None
+        assert found.tuned.tuning is not None
+        return reach.refusal(found.tuned.tuning.controller, found.tuned.tuning.filter)
+
+    assert refused() == ""
+    monkeypatch.setattr(recorded_reach_module, "FASTER", 1e3)
+    assert "far faster than the loop that ran" in refused(), "without it others would come out here"
