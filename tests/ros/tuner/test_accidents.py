@@ -18,6 +18,7 @@ from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
 
+from ...patience import FACTOR
 from ..conftest import Graph
 from .test_autotune import GAINS, PI, ForeignLoop
 
@@ -39,7 +40,7 @@ def watched(loop: ForeignLoop, round_: str = "") -> tuple[Any, list[float]]:
         told = loop.feedback[-1] if loop.feedback else None
         return told is not None and (told.message.startswith(round_) if round_ else told.phase == "watching")
 
-    loop.graph.until(on_trial, "the trial", 100.0)
+    loop.graph.until(on_trial, "the trial", 200.0 * FACTOR)
     assert loop.gains() != before
     return handle, before
 

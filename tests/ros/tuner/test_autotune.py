@@ -78,7 +78,7 @@ class ForeignLoop:
         )
         return self.graph.result(sent)
 
-    def outcome(self, handle: Any, patience: float = 110.0 * FACTOR) -> Any:
+    def outcome(self, handle: Any, patience: float = 200.0 * FACTOR) -> Any:
         return self.graph.result(handle.get_result_async(), patience)
 
     def move_setpoint(self, value: float) -> None:
@@ -224,7 +224,7 @@ def test_what_cannot_be_done_is_named_and_nothing_moves(loops: Any) -> None:
 def test_a_plant_unlike_the_models_is_tuned_well_or_refused(loops: Any, kind: str, gains: dict, process: str) -> None:
     loop = loops(kind, gains)
     before = loop.gains()
-    result = loop.outcome(loop.autotune(deviation_max=0.15, duration=8.0), patience=200.0 * FACTOR).result
+    result = loop.outcome(loop.autotune(deviation_max=0.15, duration=8.0)).result
     assert result.message
     if result.applied:
         true = Loop(read_process(process).delayed(0.015), Fopid(*loop.gains()))
@@ -277,7 +277,7 @@ def test_a_plant_that_does_not_answer_is_refused(loops: Any) -> None:
 def test_gains_are_handed_over_with_a_proof_for_all_that_the_record_leaves_possible(loops: Any) -> None:
     loop = loops("reversed", {"kp": -0.5, "ki": -1.0}, **{"verify.region": "ellipsoid", "verify.worst_ms_max": 2.5})
     loop.until_at_rest()
-    result = loop.outcome(loop.autotune(deviation_max=0.2, duration=8.0), patience=200.0 * FACTOR).result
+    result = loop.outcome(loop.autotune(deviation_max=0.2, duration=8.0)).result
     assert result.applied, result.message
     [proof] = loop.graph.get("fopid_controller", "gains.certificate")
     assert check(proof) == ""

@@ -18,6 +18,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from fopid_msgs.msg import FopidState, ScalarStamped
 from fopid_msgs.srv import Identify, Reduce, Tune
 
+from ...patience import FACTOR
 from ..conftest import Graph, only_line
 from .test_autotune import PI, ForeignLoop
 
@@ -116,7 +117,7 @@ def test_leaving_the_active_state_ends_an_autotuning_first(loop: ForeignLoop, la
 def test_leaving_while_new_gains_are_watched_puts_the_old_ones_back(loop: ForeignLoop) -> None:
     before = loop.gains()
     handle = loop.autotune(deviation_max=0.3, duration=8.0)
-    loop.graph.until(lambda: loop.feedback and loop.feedback[-1].phase == "watching", "the trial", 100.0)
+    loop.graph.until(lambda: loop.feedback and loop.feedback[-1].phase == "watching", "the trial", 200.0 * FACTOR)
     assert loop.gains() != before
     assert change(loop.graph, "deactivate")
     assert "cancelled" in loop.outcome(handle).result.message

@@ -289,7 +289,8 @@ class LoopJudge:
     def told(self, tuned: RobustTuning, name: str) -> str:
         """What the new gains are worth beside the old ones."""
         new, old = self._pair(tuned)
-        return f"{name} was best: {new}; before {old}"
+        near = f", too near to instability to be kept ({self._ms_max:g} is allowed)" if old.ms > self._ms_max else ""
+        return f"{name} was best: {new}; before {old}{near}"
 
     def _pair(self, tuned: RobustTuning) -> tuple[LoopWorth, LoopWorth]:
         if tuned.tuning is None or tuned.tuning.controller is None:
