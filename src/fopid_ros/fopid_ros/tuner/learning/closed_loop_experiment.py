@@ -62,8 +62,8 @@ SEEN_SAMPLES = 2000
 """So many of the newest samples show how a measurement is quantised."""
 TOTAL, TOTAL_UNTIL_KNOWN = 2.0, 1.2
 """How long all of it takes, in lengths of the experiment; where it ends when enough is known."""
-LONGEST, OVER = 3.0, 0.1
-"""No further experiment is begun that would end later than this, in the same lengths, and so much more."""
+LONGEST = 3.0
+"""No further experiment is begun that would end later than this, in the same lengths."""
 THEN = "then gains are worked out (seconds to a minute), watched and proved: how long is told with them"
 """What is said beside it, since that depends on the computer and on the new loop."""
 LOOKS_AT = (3, 4, 5, 6, 8, 10, 13, 17, 22)
@@ -254,8 +254,8 @@ class ClosedLoopExperiment:
 
     @property
     def fits(self) -> bool:
-        """Whether there is time for one more experiment within what was announced, or nearly."""
-        return self.newest + (1.0 - OVER) * self.duration <= self.latest
+        """Whether there is time for one more experiment within what was announced."""
+        return self.newest + self.duration <= self.latest
 
     def excite(self, known: Callable[[], bool] = lambda: False) -> str:
         """Make the experiment; after one that said too little the whole of it, with larger moves if that moved little.
