@@ -96,6 +96,7 @@ def test_a_pace_that_noise_alone_runs_into_is_none() -> None:
 CAREFUL, BRISK = Loop(PROCESS, Fopid(kp=1.0, ki=0.1)), Loop(PROCESS, Fopid(kp=5.5, ki=1.5, kd=5.0))
 
 
+@pytest.mark.slow
 def test_where_noise_forbids_a_pace_the_setpoint_alone_is_held_back() -> None:
     """The controller moves its control as it likes, and comes to rest from loads of up to 0.3 of the range as well."""
     noisy = FlawTrial(PROCESS, Flaws(rate=RATE), TICK, 0.02, CAREFUL, ROOM)

@@ -155,7 +155,8 @@ def test_a_step_at_the_very_first_sample_says_by_how_much_noise_may_move_the_con
     assert found.bounds.control_from_noise == pytest.approx(RECORDED_SHARE * np.ptp(RECORD.control))
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_heater_that_cools_slower_than_it_heats_gets_no_gains_of_the_wrong_sign(seed: int) -> None:
     """A relay holds it in a swing; no linear process explains that, and what fitted best had the other sign."""
     rng, step = np.random.default_rng(seed), 0.05
@@ -179,6 +180,7 @@ def test_a_heater_that_cools_slower_than_it_heats_gets_no_gains_of_the_wrong_sig
     assert gains is None or gains.kp > 0.0
 
 
+@pytest.mark.slow
 def test_an_integrator_that_is_learnt_from_a_record_gets_an_integral() -> None:
     """Of a setpoint alone none is asked for, and a load would have stayed for ever."""
     record = open_loop("0.05/s*exp(-4s)", np.repeat([0.0, 1.0, 0.0, -1.0, 0.0], 100), 1.0, 0.02)

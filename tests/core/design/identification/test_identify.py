@@ -149,6 +149,7 @@ def test_an_operating_point_away_from_zero_does_not_matter() -> None:
     assert abs(phase) < 2.0
 
 
+@pytest.mark.slow
 def test_irregular_samples_are_learnt() -> None:
     fine = closed_loop("P1", square_wave(1400), 6000, 0.01)
     kept = np.sort(np.random.default_rng(0).choice(6000, 1500, replace=False))

@@ -53,7 +53,7 @@ def answered(
     return Record(time, np.array(control), np.array(measurement))
 
 
-@pytest.mark.parametrize("noise", [0.005, 0.05])
+@pytest.mark.parametrize("noise", [0.005, *slow(0.05)])
 @pytest.mark.parametrize("rate", [*slow(3.0), 7.0, *slow(20.0)])
 def test_the_rate_of_a_slow_actuator_is_learnt_with_the_process_behind_it(rate: float, noise: float) -> None:
     made = record(rate, noise)
@@ -97,7 +97,8 @@ def test_nothing_speaks_for_one_where_it_jumps_nor_do_small_moves_in_noise(
     assert behind_slow_actuator(made, identify(made)) is None
 
 
-@pytest.mark.parametrize("rate", [math.inf, *slow(60.0)])
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [math.inf, 60.0])
 def test_short_pulses_count_beside_what_moves_a_long_record_far_more(rate: float) -> None:
     """A disturbance of 0.1 that wanders, where noise is 0.003 and pulses show by 0.06: errors alone hardly differ."""
     time = np.arange(0.0, 120.0, EVERY)
@@ -118,6 +119,7 @@ def test_short_pulses_count_beside_what_moves_a_long_record_far_more(rate: float
         assert slow.rate < 1.3 * rate  # never told to be quicker than it is
 
 
+@pytest.mark.slow
 def test_play_is_not_taken_for_a_slow_actuator() -> None:
     made = record(1e9, 0.005, play=0.3)
     learnt = identify(made)
@@ -146,6 +148,7 @@ def test_what_was_learnt_behind_a_limit_is_looked_at_without_it_when_there_is_mo
     assert twice.flaws.rate == pytest.approx(once.flaws.rate, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_control_that_never_moved_says_nothing() -> None:
     made = record(7.0, 0.005)
     best = identify(made).best
