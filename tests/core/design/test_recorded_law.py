@@ -71,6 +71,18 @@ def test_a_control_that_no_short_law_explains_says_nothing() -> None:
     assert contradicts_law(by_hand, wrong) == ""
 
 
+@pytest.mark.parametrize("limits", [np.inf, 9e3])
+@pytest.mark.parametrize("late", [0, 1, 3, 24])
+def test_how_late_a_control_was_told_is_known_to_the_sample_or_where_it_was_limited_not_at_all(
+    late: int, limits: float
+) -> None:
+    record = day(0, 0.0, limits=limits)
+    assert np.ptp(record.control) <= 2.0 * limits
+    told = np.append(np.full(late, record.control[0]), record.control[: record.control.size - late])
+    known = lateness(replace(record, control=told))
+    assert known == late * H or (known == 0.0 and np.isfinite(limits))
+
+
 @pytest.mark.parametrize("late", [*slow(1, 3), 24])
 def test_a_control_that_was_told_late_counts_from_when_it_was_given(late: int) -> None:
     """With 12 s of lateness for 10 s of delay gains came that swung for ever."""

@@ -20,8 +20,8 @@ LAGS = 4
 """The law looks so many samples back."""
 LEFT_MAX = 0.02
 """Share of the control's range that it may be off by, told from its first samples and the other signals alone."""
-MOST_LATE = 100
-"""So many samples a control may be told late."""
+MOST_LATE, FEWEST_ANSWERS = 100, 80
+"""So many samples a control may be told late; then at least about so many must be left, for a law of 14 numbers."""
 CLEARLY, SHARPLY, EXACT = 0.25, 5.0, 1e-9
 """A law that answers so late is off by that share of what one that answers at once is, where that is off, and one that
 answers a sample later by so many times as much; one that is off by so little is exact."""
@@ -61,11 +61,12 @@ class RecordedLaw:
         return np.asarray(-np.polyval(measured[::-1], back) / np.polyval(own[::-1], back))
 
 
-def recorded_law(record: Record) -> RecordedLaw | None:
+def recorded_law(record: Record, *, in_part: bool = False) -> RecordedLaw | None:
     """The law by which a record's control answers its setpoint and its measurement; None where none explains it.
 
     Without limits, and linear: what a control that is limited, rounded or moved by hand did is not explained. Nor is
-    what has a longer memory: the law must tell the whole record from its first samples on.
+    what has a longer memory: the law must tell the whole record from its first samples on; or, ``in_part``, the longest
+    part of it in which the control moves at each sample.
 
     Examples
     --------
@@ -77,7 +78,7 @@ def recorded_law(record: Record) -> RecordedLaw | None:
     >>> recorded_law(Record(np.arange(150.0), rng.standard_normal(150), y, r)) is None
     True
     """
-    for part in _parts(record):
+    for part in _parts(record) if in_part else (record,):
         law, left = _answering(part)
         if left <= LEFT_MAX:
             return law
@@ -106,9 +107,9 @@ def _parts(record: Record) -> Iterator[Record]:
     still = np.flatnonzero(np.diff(record.control, prepend=math.nan, append=math.nan) == 0.0)
     edges = np.concatenate([[0], still, [record.time.size - 1]])
     longest = int(np.argmax(np.diff(edges)))
-    first, last = int(edges[longest]), int(edges[longest + 1])
-    if still.size and min(last - first, MOST_SAMPLES) >= PART * record.time.size and last - first >= FEWEST_SAMPLES:
-        yield record.part(float(record.time[first]), float(record.time[min(last, first + MOST_SAMPLES)]))
+    first, last = int(edges[longest]) + 1, min(int(edges[longest + 1]) - 1, int(edges[longest]) + MOST_SAMPLES)
+    if still.size and last - first >= max(PART * min(record.time.size, MOST_SAMPLES), FEWEST_SAMPLES):
+        yield record.part(float(record.time[first]), float(record.time[last]))
 
 
 def _lateness(record: Record) -> float:
@@ -116,7 +117,9 @@ def _lateness(record: Record) -> float:
     at_once = _answering(record)[1]
     if math.isinf(at_once):
         return 0.0
-    most = LAGS if at_once <= LEFT_MAX else min(MOST_LATE, record.time.size // 4)
+    most = min(LAGS if at_once <= LEFT_MAX else MOST_LATE, record.time.size - FEWEST_ANSWERS)
+    if most < 1:
+        return 0.0
     left = np.array([at_once, *(_answering(record, late)[1] for late in range(1, most + 2))])
     least = float(left.min())
     latest = int(np.flatnonzero(left <= max(2.0 * least, EXACT))[-1])
@@ -145,6 +148,8 @@ def _answering(record: Record, late: int = 0) -> tuple[RecordedLaw | None, float
     """The law by which a control answers what was so many samples before, and the share of its range it is off by."""
     if record.setpoint is None or not np.ptp(record.setpoint) or not record.is_regular:
         return None, math.inf
+    if not np.ptp(record.setpoint[LAGS : record.time.size - late]):
+        return None, _AWAY  # what does not move is answered at once by a law that answers later
     now = np.arange(LAGS + late, record.time.size)[:, np.newaxis]
     own = record.control[now - 1 - np.arange(LAGS)]
     others = [signal[now - late - np.arange(LAGS + 1)] for signal in (record.setpoint, record.measurement)]

@@ -85,7 +85,7 @@ def recorded_reach(record: Record, learnt: IdentifiedModel) -> RecordedReach:
     Lee, W. S., Anderson, B. D. O., Kosut, R. L., Mareels, I. M. Y. A new approach to adaptive robust control. Int. J.
     Adaptive Control and Signal Processing 7 (1993) 183-211: the bandwidth widened in rounds.
     """
-    law, h = recorded_law(record), record.sample_time
+    law, h = recorded_law(record, in_part=True), record.sample_time
     if law is None:
         return RecordedReach()
     w = np.geomspace(math.pi / record.span, math.pi / h, _POINTS)
