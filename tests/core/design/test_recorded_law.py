@@ -73,9 +73,7 @@ def test_a_control_that_no_short_law_explains_says_nothing() -> None:
 
 @pytest.mark.parametrize("limits", [np.inf, 9e3])
 @pytest.mark.parametrize("late", [0, 1, 3, 24])
-def test_how_late_a_control_was_told_is_known_to_the_sample_or_where_it_was_limited_not_at_all(
-    late: int, limits: float
-) -> None:
+def test_how_late_a_control_was_told_is_known_to_the_sample_or_not_at_all(late: int, limits: float) -> None:
     record = day(0, 0.0, limits=limits)
     assert np.ptp(record.control) <= 2.0 * limits
     told = np.append(np.full(late, record.control[0]), record.control[: record.control.size - late])
