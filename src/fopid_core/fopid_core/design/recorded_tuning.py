@@ -270,7 +270,8 @@ def tune_recorded(
         )
 
     request, tuned = _quiet(identified, request, given, limits, bounds, clock, refused)
-    if not tuned.success and method == "time" and (box := reach.box(best.process)):
+    box = {} if best.structure.runs_away else reach.box(best.process)
+    if box and not tuned.success and method == "time":
         slower = replace(request, bounds={**box, **request.bounds})
         request, tuned = _quiet(identified, slower, given, limits, bounds, clock, refused)
     success, told = tuned.success, f"{doubt}; {tuned.message}" if doubt else tuned.message
