@@ -149,12 +149,11 @@ def identify(
                    if signal is None]  # fmt: skip
         if missing:
             raise InputError(f"{missing[0]} is not given; allowed: time, control and measurement")
-        found = Signals(*signals, control_before=control_before)  # type: ignore[arg-type]
+        found = made_prompt(Signals(*signals, control_before=control_before))  # type: ignore[arg-type]
     elif isinstance(record, Signals):
-        found = record if control_before is None else replace(record, control_before=control_before)
+        found = made_prompt(record if control_before is None else replace(record, control_before=control_before))
     else:
         from fopid_core.study.records import read_record
 
         found = read_record(record, control_before=control_before, columns=columns)
-    found = made_prompt(found)
     return checked(found, identification.identify(found, template), template)

@@ -38,13 +38,8 @@ def direct_feedthrough(operators: Operators, gains: Fopid) -> float:
     return gain if abs(gain) >= least else math.copysign(least, gains.ki)
 
 
-def setpoint_feedthrough(operators: Operators, settings: ControllerSettings) -> float:
-    """Control per unit of setpoint at the same tick."""
-    return weighted(feedthroughs(operators, settings.gains), settings)
-
-
-def weighted(parts: tuple[float, float, float], settings: ControllerSettings) -> float:
-    """The feedthrough of a setpoint, by those of the three parts."""
+def setpoint_feedthrough(parts: tuple[float, float, float], settings: ControllerSettings) -> float:
+    """Control per unit of setpoint at the same tick, by the ``feedthroughs`` of the three parts."""
     proportional, integral, derivative = parts
     return proportional * settings.setpoint_weight + integral + derivative * settings.derivative_setpoint_weight
 

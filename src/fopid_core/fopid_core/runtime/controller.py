@@ -11,7 +11,13 @@ from typing import get_args
 
 from fopid_core.errors import InputError
 from fopid_core.runtime.angles import nearest_turn
-from fopid_core.runtime.antiwindup import conditioning, direct_feedthrough, setpoint_feedthrough, tracking_gain
+from fopid_core.runtime.antiwindup import (
+    conditioning,
+    direct_feedthrough,
+    feedthroughs,
+    setpoint_feedthrough,
+    tracking_gain,
+)
 from fopid_core.runtime.controller_state import ControllerState, Mode
 from fopid_core.runtime.filter_bank import Band, integral_weights
 from fopid_core.runtime.measurement_filter import RunningFilter
@@ -128,7 +134,7 @@ class FopidController:
             operators.set_correction(operators.of_error / reading.feedthrough)
         self._kp, self._ki, self._kd = reading.parts[0], 1.0, 1.0
         self._integrates = reading.ki != 0.0
-        self.setpoint_feedthrough = reading.setpoint_feedthrough(self._settings)
+        self.setpoint_feedthrough = setpoint_feedthrough(reading.parts, self._settings)
         self._tracking_gain = reading.tracking_gain
         self._conditioned, self._direction = conditioned, reading.feedthrough if conditioned else reading.ki
         self._go_on_from(old)
@@ -268,7 +274,7 @@ class FopidController:
         operators.set_interval(interval)
         if limited:
             operators.set_correction(realisable)
-        self.setpoint_feedthrough = setpoint_feedthrough(operators, settings)
+        self.setpoint_feedthrough = setpoint_feedthrough(feedthroughs(operators, settings.gains), settings)
         self._setpoint_move_max = settings.setpoint_rate_max * interval
         # By hand the control moves at each tick, also in ``wait``.
         moving = interval if self.state.mode == "auto" else settings.sample_time
@@ -373,7 +379,7 @@ class FopidController:
         self._provide_filter(settings)
         self._deadband, self._derivative_weight = settings.deadband, settings.derivative_setpoint_weight
         self._wraps = settings.angle_wraparound
-        self.setpoint_feedthrough = setpoint_feedthrough(operators, settings)
+        self.setpoint_feedthrough = setpoint_feedthrough(feedthroughs(operators, settings.gains), settings)
         correction = None if settings.tracking_time else conditioning(operators, gains)
         self._conditioned = correction is not None
         if correction is not None:

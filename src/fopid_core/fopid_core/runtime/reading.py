@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fopid_core.model.fopid import Fopid
-from fopid_core.runtime.antiwindup import direct_feedthrough, feedthroughs, weighted
+from fopid_core.runtime.antiwindup import direct_feedthrough, feedthroughs
 from fopid_core.runtime.operators import Matrix, Operators
-from fopid_core.runtime.settings import ControllerSettings
 
 
 @dataclass(frozen=True)
@@ -35,10 +34,6 @@ class Reading:
     parts: tuple[float, float, float]
     tracking_gain: float
     conditioned: bool
-
-    def setpoint_feedthrough(self, settings: ControllerSettings) -> float:
-        """Control per unit of setpoint at the same tick."""
-        return weighted(self.parts, settings)
 
     def towards(self, other: Reading, share: float) -> Reading:
         """The reading on the straight line to another one, which it is at share 1."""
