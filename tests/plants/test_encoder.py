@@ -62,6 +62,7 @@ def test_steps_hide_nothing_where_there_is_more_noise(plant: type[MotorPosition]
     assert hidden_by_steps(loop.history.newest_values("measurement", 1000), noise) == pytest.approx(hidden)
 
 
+@pytest.mark.slow
 def test_a_proposal_tells_of_it_and_sets_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Sufficiency, "look", lambda *_: True)
     monkeypatch.setattr(GainUpdate, "design", lambda *_, **__: Outcome(success=True, message="better gains"))

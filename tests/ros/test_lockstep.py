@@ -10,6 +10,7 @@ from fopid_core.runtime.controller import ControllerSettings, FopidController, w
 from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.runtime.simulation import simulate
+from tests.cases import slow
 
 from .conftest import Graph, LockstepLoop
 
@@ -31,8 +32,10 @@ def offline(process: str, samples: int, change_at: int, disturb_at: int, **plant
     ("process", "plant"),
     [
         ("P1", {"noise_std": 0.01, "seed": 7}),
-        ("2/((s+1)(0.3s+1)) * exp(-0.123s)", {"delay_model": "exact"}),
-        ("(1-0.2s)/(s+1)^2 * exp(-0.5s)", {"delay_model": "pade", "pade_order": 4}),
+        *slow(
+            ("2/((s+1)(0.3s+1)) * exp(-0.123s)", {"delay_model": "exact"}),
+            ("(1-0.2s)/(s+1)^2 * exp(-0.5s)", {"delay_model": "pade", "pade_order": 4}),
+        ),
     ],
 )
 def test_trace_equals_the_offline_simulation_bit_for_bit(graph: Graph, process: str, plant: dict) -> None:
@@ -99,6 +102,7 @@ def test_reset_starts_the_same_run_anew(graph: Graph) -> None:
     assert [m.value for m in first] == [m.value for m in second]
 
 
+@pytest.mark.slow
 def test_two_namespaces_on_one_domain_do_not_touch(graph: Graph) -> None:
     left = LockstepLoop(graph, "P1", ITAE, H, namespace="left")
     right = LockstepLoop(graph, "P2", TABLE_3, H, namespace="right")

@@ -148,6 +148,7 @@ def test_names_and_topics_can_be_remapped(graph: Graph) -> None:
     graph.until(lambda: graph.node.count_subscribers("/oven/reading"), "the remapped topic")
 
 
+@pytest.mark.slow
 def test_realtime_keeps_its_sample_time(graph: Graph) -> None:
     graph.start("plant_simulator", {"process": "P4"})
     graph.start("fopid_controller", {"kp": 1.4, "ki": 2.6})

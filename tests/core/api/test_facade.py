@@ -115,6 +115,7 @@ def test_what_cannot_be_used_is_named(call: object, said: str) -> None:
         call()  # type: ignore[operator]
 
 
+@pytest.mark.slow
 def test_the_method_follows_from_what_is_asked_for() -> None:
     assert fopid.tune("P1", crossover=0.3).method == "frequency"
     assert fopid.tune("P1", rule="amigo-pid").method == "rule"

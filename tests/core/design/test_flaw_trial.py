@@ -64,6 +64,7 @@ def test_so_it_is_with_a_valve_and_a_plant_that_share_no_code(trial: FlawTrial, 
         assert swing(rate, pace, setpoint, load) < 1e-3
 
 
+@pytest.mark.slow
 def test_gains_that_a_pace_holds_by_a_hair_are_refused(trial: FlawTrial) -> None:
     """Where the process answers large moves twice as strongly they swing from limit to limit at that pace."""
     pace = trial.pace(BY_A_HAIR)
@@ -74,6 +75,7 @@ def test_gains_that_a_pace_holds_by_a_hair_are_refused(trial: FlawTrial) -> None
         assert swing(RATE, trial.pace(LIVELY), setpoint, load, gain=2.0) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_pace_that_noise_alone_runs_into_is_none() -> None:
     """It holds the derivative back at rest; how fast noise moves the control is counted over 4000 explicit ticks."""
     level, random = 0.02, np.random.default_rng(5)

@@ -242,6 +242,7 @@ def test_behind_a_valve_that_sticks_loads_are_judged_with_it() -> None:
     assert seen > 1.5 * linear
 
 
+@pytest.mark.slow
 def test_an_actuator_that_is_slow_alone_changes_no_load_that_is_small(alone: LoopJudge) -> None:
     judge = LoopJudge(Process.parse("1/(s+1)*exp(-0.2s)"), 0.05, alone.running, 2.2)  # a copy would share what it knows
     judge.see_flaws(FlawTrial(judge.process, Flaws(rate=5.0), 0.05, 0.0, judge.runs, (-50.0, 50.0)))

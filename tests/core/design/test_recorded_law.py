@@ -44,6 +44,7 @@ def test_gains_of_the_wrong_sign_are_not_handed_out(seed: int) -> None:
     assert gains is None or gains.kp < 0.0
 
 
+@pytest.mark.slow
 def test_identification_is_no_success_with_a_process_that_would_not_have_been_held() -> None:
     """The tuner's ~/identify adopted one of the wrong sign, for which ~/tune then handed out gains as verified."""
     record = day(0, 25_000.0)

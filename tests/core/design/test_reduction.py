@@ -108,7 +108,10 @@ def test_a_template_is_never_worse_than_one_it_contains(text: str) -> None:
     assert errors["nioptd2"] <= min(errors["nioptd1"], errors["soptd"]) + allowance
 
 
-@pytest.mark.parametrize("text", KINDS.values(), ids=KINDS.keys())
+@pytest.mark.parametrize(
+    "text",
+    [pytest.param(text, id=name, marks=pytest.mark.slow if name in LASTING else []) for name, text in KINDS.items()],
+)
 def test_every_model_is_stable_and_better_than_none(text: str) -> None:
     for model in models(text).values():
         assert process_stability(model.process).stable

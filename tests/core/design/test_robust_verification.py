@@ -54,6 +54,7 @@ def test_every_method_of_tuning_can_be_asked_for(learnt: IdentificationResult, m
     assert found.tuning.method == method
 
 
+@pytest.mark.slow
 def test_a_crossover_that_is_too_much_for_the_limits_is_lowered(learnt: IdentificationResult) -> None:
     eager = TuningRequest(read_process("P1"), phase_margin=math.radians(60.0), crossover=1.3)
     strict = RobustLimits(ms_max=1.6, phase_margin_min=math.radians(35.0), samples=20)
@@ -177,6 +178,7 @@ def test_the_hold_of_the_control_counts_once() -> None:
     assert found.tuning.running.ms == pytest.approx(2.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_what_the_running_gains_would_not_hold_is_not_the_process(
     learnt: IdentificationResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -19,6 +19,7 @@ from fopid_core.model.loop import Loop
 from fopid_core.model.margins import margins
 from fopid_core.model.process import Process, read_process
 from fopid_core.model.stability import stability
+from tests.cases import slow
 
 P1 = read_process("P1")
 
@@ -65,7 +66,7 @@ def test_no_controller_is_handed_out_whose_loop_is_not_stable(
 
 
 @pytest.mark.parametrize("method", ["frequency", "time", "rule"])
-@pytest.mark.parametrize("process", ["P1", "P2", "P3", "P4"])
+@pytest.mark.parametrize("process", ["P2", *slow("P1", "P3", "P4")])
 def test_with_nothing_specified_the_test_bench_is_tuned_by_every_method(process: str, method: str) -> None:
     request = TuningRequest(read_process(process), method=method)
     result = tune(request)
@@ -104,6 +105,7 @@ def test_bounds_out_of_reach_are_named_and_the_nearest_stable_design_is_given() 
     assert all("-40 dB" in text and "dB here" in text for text in result.unmet)
 
 
+@pytest.mark.slow
 def test_a_margin_out_of_reach_is_answered_with_the_nearest_one() -> None:
     """With this delay the lag of the process is more than gains of one sign can make up for."""
     result = tune(TuningRequest(Process.parse("1/(s+1)*exp(-s)"), phase_margin=math.radians(150.0), crossover=0.3))

@@ -281,6 +281,7 @@ def test_no_file_outside_the_directory_is_written(graph: Graph, tmp_path: Path) 
     assert "kp" in (tmp_path / "here.yaml").read_text()
 
 
+@pytest.mark.slow
 def test_a_design_is_kept_with_the_pace_it_needs_and_taken_back_with_it(graph: Graph, tmp_path: Path) -> None:
     """Gains that are only good behind a held pace ran "verified" without it after a restart."""
     pace = {"control_rate_max": 0.5, "setpoint_rate_max": 0.4, "deadband": 0.01}

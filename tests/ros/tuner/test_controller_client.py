@@ -7,6 +7,8 @@ import threading
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
+
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import MeasurementFilter, SetpointWeights
 from fopid_core.runtime.settings import Pace
@@ -56,6 +58,7 @@ def test_gains_without_a_pace_leave_it_and_a_pace_leaves_the_gains(graph: Graph)
     assert graph.get(CONTROLLER, *PACE) == [3.0, 1.0]
 
 
+@pytest.mark.slow
 def test_gains_are_on_trial_until_they_are_confirmed_whatever_their_author_is_busy_with(graph: Graph) -> None:
     """It spends longer than trial_timeout on other things, tries others on top, and takes these back."""
     graph.start(CONTROLLER, {"kp": 1.0, "ki": 0.5, "trial_timeout": 1.5})

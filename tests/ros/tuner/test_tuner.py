@@ -57,6 +57,7 @@ def test_frequency_tuning_is_applied_and_does_what_was_asked(graph: Graph) -> No
     assert [getattr(results[0].gains, name) for name in GAINS] == gains
 
 
+@pytest.mark.slow
 def test_with_verify_certify_the_controller_gets_the_proof_with_its_gains(graph: Graph) -> None:
     graph.start("fopid_controller", PI)
     start_tuner(graph, **{"verify.certify": True})
@@ -97,6 +98,7 @@ def test_a_box_that_the_gains_do_not_bear_keeps_them_from_being_applied(graph: G
     assert "not applied: verify.box" in graph.call(Tune, "fopid_tuner/tune", request).message
 
 
+@pytest.mark.slow
 def test_time_tuning_keeps_its_bound_on_ms(graph: Graph) -> None:
     graph.start("fopid_controller", PI)
     start_tuner(graph)
@@ -275,6 +277,7 @@ def test_no_controller_is_said(graph: Graph) -> None:
     assert "no controller 'fopid_controller'" in answer.message
 
 
+@pytest.mark.slow
 def test_new_gains_are_taken_without_a_bump(graph: Graph) -> None:
     loop = LockstepLoop(graph, "P1", PI)
     start_tuner(graph)

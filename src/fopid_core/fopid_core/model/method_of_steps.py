@@ -24,6 +24,7 @@ from fopid_core.model.step_transforms import StepTransforms
 MOST_ELEMENTS = 12_000
 """In all delays together."""
 
+_MANY_TURNS = 300
 _DEGREES = (13, 18)
 _FIRST_LENGTH = 0.3  # of the fastest time constant
 _RATIO = 3.0  # from one element to the next
@@ -142,6 +143,8 @@ class Steps:
         delay = transforms.longest_delay
         equations = Equations.of(transforms, delay)
         turns = int(min(horizon / delay * (1.0 + EPSILON), MOST_ELEMENTS)) + 1
+        if turns > _MANY_TURNS and not equations.d_back:  # the inversion is many times quicker, and exact enough
+            return None
         rates = np.linalg.eigvals(equations.a).astype(np.complex128)
         edges = _edges(rates, equations.echo_rate(turns), delay, MOST_ELEMENTS // turns)
         if edges is None:

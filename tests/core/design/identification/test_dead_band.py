@@ -195,6 +195,7 @@ def test_a_process_is_judged_anew_behind_the_same_play() -> None:
     assert changed.proposal.flaws == model.flaws
 
 
+@pytest.mark.slow
 def test_a_control_that_stays_where_it_is_shows_none() -> None:
     time = np.arange(200.0)
     record = Record(time, np.ones(200), 1.0 - np.exp(-time / 20.0) + 0.1 * np.sin(0.1 * time))

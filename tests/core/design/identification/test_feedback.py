@@ -16,6 +16,7 @@ from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition
 from fopid_core.model.fopid import Fopid
 from fopid_core.study.replay import replay
+from tests.cases import slow
 
 from ....share import share_of
 from .feedback_campaign import AT_REST, FAULTS, MOVED, error, made
@@ -50,6 +51,7 @@ def test_a_control_before_the_first_sample_makes_no_step_of_what_runs_out(steppe
     assert ANSWERS in identify(tail).message
 
 
+@pytest.mark.slow
 def test_the_step_itself_is_learnt_from_with_and_without_gaps(stepped: Record) -> None:
     for lost in ((), (5, 40, 41, 200, 300)):
         found = identify(without(stepped, 0, 861, lost))
@@ -73,9 +75,9 @@ def test_a_loop_that_nothing_moves_is_refused_however_it_was_recorded(kind: str,
 
 
 TRUE = [
-    ("setpoint", "jitter", 1), ("setpoint", "limited", 2), ("from_step", "none", 3), ("noisy_setpoint", "lost", 4),
-    ("prbs", "every_third", 5), ("bump", "stale", 6), ("staircase", "quantised", 7), ("ramps", "rounded", 1),
-    ("by_hand", "lost", 9), ("bump_at_once", "none", 10),
+    ("setpoint", "jitter", 1), ("setpoint", "limited", 2), ("noisy_setpoint", "lost", 4), ("bump", "stale", 6),
+    ("staircase", "quantised", 7), ("bump_at_once", "none", 10),
+    *slow(("from_step", "none", 3), ("prbs", "every_third", 5), ("ramps", "rounded", 1), ("by_hand", "lost", 9)),
 ]  # fmt: skip
 
 
@@ -139,6 +141,7 @@ def test_messages_of_one_signal_that_are_lost_move_nothing() -> None:
         assert not moved_from_outside(replace(record, **{signal: told}), ANYHOW)
 
 
+@pytest.mark.slow
 def test_a_day_without_a_move_is_not_replayed_where_samples_are_missing(stepped: Record) -> None:
     """The lines that are drawn over gaps answer nothing: the record as it came is asked."""
     day = made("noisy_tail", "lost", 38)[0]

@@ -46,8 +46,8 @@ def answered(
         measurement.append(second + heard)
         control.append(asked - kp * measurement[-1])
         for _ in range(round(EVERY / FINE)):
-            at += float(np.clip(control[-1] - at, -rate * FINE, rate * FINE))
-            stem = float(np.clip(stem, at - play, at + play))
+            at += min(max(control[-1] - at, -rate * FINE), rate * FINE)
+            stem = min(max(stem, at - play), at + play)
             first += FINE * (stem - first) / 7.0
             second += FINE * (first - second) / pocket
     return Record(time, np.array(control), np.array(measurement))

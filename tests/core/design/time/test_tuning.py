@@ -117,6 +117,7 @@ def test_the_same_seed_gives_the_same_answer_and_another_one_hardly_another(proc
     assert other.cost == pytest.approx(design(process, index).cost, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_the_control_as_it_runs_stays_within_its_bound() -> None:
     """The sampled controller and the plant in lockstep: what an actuator would see."""
     for u_max in (20.0, 5.0, 1.3):
@@ -169,11 +170,11 @@ def test_bounds_on_the_numbers_are_kept() -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "1/s*exp(-s)", "-2/(s+1)^2", "(1-s)/(s+1)^2", "1/(s+1)*exp(-5s)",
+        "1/s*exp(-s)", "1/(s+1)*exp(-5s)",
         "0.01/(300s+1)*exp(-100s)",
         *[pytest.param(text, marks=pytest.mark.slow)
-          for text in ("1/(0.8s^2.2+0.5s^0.9+1)", "1/s", "1/(s(s+1))", "1/(s-1)", "1/((s-1)(0.1s+1))", "1/(s^2+0.1s+1)",
-                       "1/(s^0.5+1)")],
+          for text in ("-2/(s+1)^2", "(1-s)/(s+1)^2", "1/(0.8s^2.2+0.5s^0.9+1)", "1/s", "1/(s(s+1))", "1/(s-1)",
+                       "1/((s-1)(0.1s+1))", "1/(s^2+0.1s+1)", "1/(s^0.5+1)")],
     ],
 )  # fmt: skip
 def test_other_kinds_of_process_are_tuned_and_never_to_an_unstable_loop(text: str) -> None:
@@ -212,6 +213,7 @@ def test_an_undamped_oscillator_is_tuned_with_nothing_but_its_name(text: str) ->
     assert stability(Loop(Process.parse(text), result.controller)).stable
 
 
+@pytest.mark.slow
 def test_bounds_that_cannot_be_met_leave_the_nearest_stable_design() -> None:
     found = tune_time(read_process("P1"), specification("itae", u_max=0.5))
     assert found is not None
@@ -220,6 +222,7 @@ def test_bounds_that_cannot_be_met_leave_the_nearest_stable_design() -> None:
     assert stability(Loop(read_process("P1"), found.controller)).stable
 
 
+@pytest.mark.slow
 def test_a_better_start_is_made_use_of() -> None:
     start = design("P4", "ise").controller
     found = tune_time(read_process("P4"), specification("ise"), start=start, seed=3)
@@ -278,6 +281,7 @@ def test_an_integrator_in_all_but_name_is_tuned_as_one() -> None:
     assert (found.kp, found.ki) == pytest.approx((exact.kp, exact.ki), rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_controller_that_hardly_acts_at_rest_is_no_success() -> None:
     """A setpoint asks no more where an integrator runs away, and any load would take the process anywhere."""
     process = read_process("4/(s(s-0.4))")

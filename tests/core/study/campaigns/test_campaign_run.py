@@ -55,6 +55,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> pa.Table:
     return read_results(out)
 
 
+@pytest.mark.slow
 def test_every_run_is_a_row_with_what_went_in_and_what_came_out(results: pa.Table) -> None:
     assert results.schema.names == SCHEMA.names
     assert results["run"].to_pylist() == list(range(SMALL.runs)) == list(range(2 * 3 * 9))

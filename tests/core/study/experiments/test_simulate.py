@@ -88,6 +88,7 @@ def test_the_tour_reads_back_and_its_profiles_are_what_it_says() -> None:
     assert load[[0, 2000, 2500, 3250, 3500]].tolist() == pytest.approx([0.0, 0.1, -0.1, 0.05, 0.2])
 
 
+@pytest.mark.slow
 def test_a_tuning_that_finds_nothing_to_apply_is_told_and_changes_nothing() -> None:
     never = TuneCall("time", ms_max=1.0001, u_max=1e-3)
     phases = (Phase("a", 1.0, setpoint=1.0), Phase("b", 1.0, tune=never))

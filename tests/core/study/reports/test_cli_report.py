@@ -39,6 +39,7 @@ def test_report_writes_page_and_picture_into_the_bags_folder_and_shows_the_table
         assert words in " ".join(done.stdout.split())
 
 
+@pytest.mark.slow
 def test_report_as_json_is_one_object_with_every_segment(bag: Path, tmp_path: Path) -> None:
     done = fopid("report", bag, bag, "--out", tmp_path / "two.html", "--json")
     assert (done.exit_code, done.stderr) == (0, "")
@@ -55,6 +56,7 @@ def test_report_as_json_is_one_object_with_every_segment(bag: Path, tmp_path: Pa
     assert first["segments"][3]["gains"]["mu"] == 1.1
 
 
+@pytest.mark.slow
 def test_report_says_how_many_samples_are_missing(bag: Path, tmp_path: Path) -> None:
     done = fopid("report", bag, "--out", tmp_path / "a.html", "--json")
     assert json.loads(done.stdout)["runs"][0]["samples"] == {

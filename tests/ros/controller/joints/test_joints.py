@@ -165,6 +165,7 @@ def test_a_bad_start_is_one_line(graph: Graph, parameters: list[str], told: str)
     assert told in ended.stderr
 
 
+@pytest.mark.slow
 def test_a_joints_gains_on_trial_end_with_their_author_and_its_verified_ones_outlive_the_process(
     graph: Graph, tmp_path: Path
 ) -> None:

@@ -119,11 +119,15 @@ def test_the_wait_knows_how_long_a_tick_is() -> None:
     assert running.sample_time == 0.5  # by which it tells a loop that stands still
 
 
-def handed_over(running: Running, learnt: IdentificationResult) -> tuple[GainUpdate, Outcome]:
-    gain_update = handover_of(running)
-    outcome = gain_update.design(learnt)
+@pytest.fixture(scope="module")
+def designed(learnt: IdentificationResult) -> Outcome:
+    outcome = handover_of(Running(lambda _: 1.0)).design(learnt)
     assert outcome.success, outcome.message
-    return gain_update, outcome
+    return outcome
+
+
+def handed_over(running: Running, designed: Outcome) -> tuple[GainUpdate, Outcome]:
+    return handover_of(running), designed
 
 
 def quiet() -> Any:
@@ -253,9 +257,9 @@ def test_without_it_none_is_made(learnt: IdentificationResult) -> None:
     assert handover_of(Running(lambda _: 1.0)).design(learnt).certificate == ""
 
 
-def test_gains_under_which_the_loop_stays_as_good_are_kept(learnt: IdentificationResult) -> None:
+def test_gains_under_which_the_loop_stays_as_good_are_kept(designed: Outcome) -> None:
     running = Running(lambda t: 1.0 + 0.005 * math.sin(7.0 * t))
-    gain_update, outcome = handed_over(running, learnt)
+    gain_update, outcome = handed_over(running, designed)
     tried = gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     assert tried.success
     assert tried.applied
@@ -273,9 +277,9 @@ def test_gains_under_which_the_loop_stays_as_good_are_kept(learnt: Identificatio
     [lambda t: 1.0 + 0.3 * (1.0 - math.exp(-t)), lambda t: 1.0 + 0.01 * math.exp(4.0 * t) * math.sin(20.0 * t)],
     ids=["off the setpoint", "growing oscillation"],
 )
-def test_the_old_gains_are_back_when_the_loop_got_worse(learnt: IdentificationResult, measurement: Loop) -> None:
+def test_the_old_gains_are_back_when_the_loop_got_worse(designed: Outcome, measurement: Loop) -> None:
     running = Running(measurement)
-    gain_update, outcome = handed_over(running, learnt)
+    gain_update, outcome = handed_over(running, designed)
     tried = gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     assert not tried.success
     assert not tried.applied
@@ -286,9 +290,9 @@ def test_the_old_gains_are_back_when_the_loop_got_worse(learnt: IdentificationRe
     assert "the previous gains are back, since the loop got worse" in tried.message
 
 
-def test_what_is_not_to_be_borne_ends_the_trial_at_once(learnt: IdentificationResult) -> None:
+def test_what_is_not_to_be_borne_ends_the_trial_at_once(designed: Outcome) -> None:
     running = Running(lambda t: 1.0 + (0.011 if t > 0.2 else 0.0))
-    gain_update, outcome = handed_over(running, learnt)
+    gain_update, outcome = handed_over(running, designed)
     tried = gain_update.apply_and_monitor(
         outcome, quiet(), 0.01, 2.0, outside=lambda tick: "left its band" if tick.measurement > 1.01 else ""
     )
@@ -297,10 +301,10 @@ def test_what_is_not_to_be_borne_ends_the_trial_at_once(learnt: IdentificationRe
     assert running.applied[-1] == OLD
 
 
-def test_gains_that_a_person_sets_while_the_trial_swings_have_the_last_word(learnt: IdentificationResult) -> None:
+def test_gains_that_a_person_sets_while_the_trial_swings_have_the_last_word(designed: Outcome) -> None:
     """The loop was said to have the gains from before, and others were tried over those of the person."""
     running = Running(lambda _: 1.0)
-    gain_update, outcome = handed_over(running, learnt)
+    gain_update, outcome = handed_over(running, designed)
 
     def stepping_in(_: Tick) -> str:
         running.applied.append(ANOTHERS)
@@ -312,9 +316,9 @@ def test_gains_that_a_person_sets_while_the_trial_swings_have_the_last_word(lear
     assert running.applied[-1] == ANOTHERS
 
 
-def test_a_trial_that_is_cancelled_can_be_taken_back(learnt: IdentificationResult) -> None:
+def test_a_trial_that_is_cancelled_can_be_taken_back(designed: Outcome) -> None:
     running = Running(lambda _: 1.0, cancelled_at=0.1)
-    gain_update, outcome = handed_over(running, learnt)
+    gain_update, outcome = handed_over(running, designed)
     with pytest.raises(CancelledError):
         gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     assert not running.watched
@@ -323,9 +327,9 @@ def test_a_trial_that_is_cancelled_can_be_taken_back(learnt: IdentificationResul
     assert running.applied[-1] == ANOTHERS  # somebody has set others meanwhile: they stay
 
 
-def test_a_trial_that_is_cancelled_is_taken_back_once(learnt: IdentificationResult) -> None:
+def test_a_trial_that_is_cancelled_is_taken_back_once(designed: Outcome) -> None:
     running = Running(lambda _: 1.0, cancelled_at=0.1)
-    gain_update, outcome = handed_over(running, learnt)
+    gain_update, outcome = handed_over(running, designed)
     with pytest.raises(CancelledError):
         gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     assert gain_update.roll_back()
@@ -333,9 +337,9 @@ def test_a_trial_that_is_cancelled_is_taken_back_once(learnt: IdentificationResu
     assert running.applied == [RunningDesign(outcome.tuned.tuning.controller), OLD]
 
 
-def test_gains_that_may_have_been_taken_can_be_taken_back(learnt: IdentificationResult) -> None:
+def test_gains_that_may_have_been_taken_can_be_taken_back(designed: Outcome) -> None:
     running = Running(lambda _: 1.0)
-    gain_update, outcome = handed_over(running, learnt)
+    gain_update, outcome = handed_over(running, designed)
 
     def unconfirmed(gains: Fopid, status: str = "", *_: str) -> Fopid:
         raise UnconfirmedError("no answer", OLD)
@@ -350,9 +354,9 @@ def test_gains_that_may_have_been_taken_can_be_taken_back(learnt: Identification
     assert running.applied == [OLD]
 
 
-def test_gains_that_cannot_be_put_back_are_named_and_may_be_later(learnt: IdentificationResult) -> None:
+def test_gains_that_cannot_be_put_back_are_named_and_may_be_later(designed: Outcome) -> None:
     running = Running(lambda _: 1.0, cancelled_at=0.1)
-    gain_update, outcome = handed_over(running, learnt)
+    gain_update, outcome = handed_over(running, designed)
     with pytest.raises(CancelledError):
         gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
 
@@ -373,30 +377,29 @@ def test_without_a_trial_there_is_nothing_to_take_back() -> None:
     assert running.applied == []
 
 
-def test_how_far_the_watch_is_told(learnt: IdentificationResult) -> None:
+def test_how_far_the_watch_is_told(designed: Outcome) -> None:
     running = Running(lambda t: 1.0 + 0.005 * math.sin(7.0 * t))
-    gain_update, outcome = handed_over(running, learnt)
+    gain_update, outcome = handed_over(running, designed)
     gain_update.try_out(Trial(ANOTHERS, response_time=0.5), outcome, quiet(), 0.01, 2.0)
     watched = [stage for stage in running.stages if stage.phase == "watching"]
     assert watched[len(watched) // 2].progress == pytest.approx(0.875, abs=0.001)
 
 
-def test_the_setpoint_weights_go_out_where_there_is_a_filter_or_they_are_others(learnt: IdentificationResult) -> None:
-    _, outcome = handed_over(Running(lambda _: 1.0), learnt)
+def test_the_setpoint_weights_go_out_where_there_is_a_filter_or_they_are_others(designed: Outcome) -> None:
     whole, half, slow = SetpointWeights(), SetpointWeights(0.5, 0.0), MeasurementFilter(2, 0.003)
     idle = MeasurementFilter()
     for given, weights, sent in ((idle, whole, None), (idle, half, half), (slow, whole, whole), (slow, half, half)):
         running = Running(lambda _: 1.0)
-        tuning = replace(outcome.tuned.tuning, filter=given, weights=weights)
-        wanted = replace(outcome, tuned=replace(outcome.tuned, tuning=tuning))
+        tuning = replace(designed.tuned.tuning, filter=given, weights=weights)
+        wanted = replace(designed, tuned=replace(designed.tuned, tuning=tuning))
         handover_of(running).apply_and_monitor(wanted, quiet(), 0.01, 2.0)
         assert running.applied == [RunningDesign(tuning.controller, given, sent)]
 
 
 @pytest.mark.parametrize("lacking", ["tuned", "tuning", "controller", "achieved"])
-def test_a_tuning_without_gains_is_not_applied(learnt: IdentificationResult, lacking: str) -> None:
+def test_a_tuning_without_gains_is_not_applied(designed: Outcome, lacking: str) -> None:
     running = Running(lambda _: 1.0)
-    gain_update, outcome = handed_over(running, learnt)
+    gain_update, outcome = handed_over(running, designed)
     tuning = None if lacking == "tuning" else replace(outcome.tuned.tuning, **{lacking: None} if "c" in lacking else {})
     tuned = None if lacking == "tuned" else replace(outcome.tuned, tuning=tuning)
     with pytest.raises(InputError, match="a tuning without gains; allowed: one that succeeded"):
@@ -419,7 +422,8 @@ def test_what_is_not_said_is_as_the_tuner_has_it() -> None:
 
 def test_new_gains_are_watched_for_ten_response_times(learnt: IdentificationResult) -> None:
     running = Running(lambda _: 1.004)
-    gain_update, outcome = handed_over(running, learnt)
+    gain_update = handover_of(running)
+    outcome = gain_update.design(learnt)
     gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     assert learnt.message in [stage.message for stage in running.stages]
     phases = list(dict.fromkeys(stage.phase for stage in running.stages))  # each design looked at is told
@@ -437,11 +441,10 @@ def test_new_gains_are_watched_for_ten_response_times(learnt: IdentificationResu
     assert 0.6 < progress[0] < progress[-1] <= 1.0
 
 
-def test_new_gains_are_watched_for_sixty_ticks_at_least(learnt: IdentificationResult) -> None:
+def test_new_gains_are_watched_for_sixty_ticks_at_least(designed: Outcome) -> None:
     running = Running(lambda _: 1.0)
-    _, outcome = handed_over(running, learnt)
-    tick = 1.0 / outcome.tuned.tuning.achieved.crossover  # ten response times are twenty of these
-    handover_of(running, sample_time=tick).apply_and_monitor(outcome, quiet(), 0.01, 2.0)
+    tick = 1.0 / designed.tuned.tuning.achieved.crossover  # ten response times are twenty of these
+    handover_of(running, sample_time=tick).apply_and_monitor(designed, quiet(), 0.01, 2.0)
     watched = [stage for stage in running.stages if stage.phase == "watching"]
     assert watched[0].remaining == pytest.approx(59.0 * tick)
 
@@ -450,42 +453,39 @@ def test_new_gains_are_watched_for_sixty_ticks_at_least(learnt: IdentificationRe
     ("now", "sent"), [(Pace(), Pace(5.0, 2.0)), (Pace(4.0), Pace(4.0, 2.0)), (Pace(4.0, 1.0), None)]
 )
 def test_a_controller_is_held_to_what_its_actuator_can_follow_and_never_hurried(
-    learnt: IdentificationResult, now: Pace, sent: Pace | None
+    designed: Outcome, now: Pace, sent: Pace | None
 ) -> None:
     running = Running(lambda _: 1.0)
-    _, outcome = handed_over(running, learnt)
-    tried = handover_of(running, pace=now).apply_and_monitor(replace(outcome, pace=Pace(5.0, 2.0)), quiet(), 0.01, 2.0)
+    tried = handover_of(running, pace=now).apply_and_monitor(replace(designed, pace=Pace(5.0, 2.0)), quiet(), 0.01, 2.0)
     assert [design.pace for design in running.applied] == [sent]
     assert ("(control_rate_max)" in tried.message) == (sent is not None)
 
 
 @pytest.mark.parametrize(("dead_band", "wears"), [(0.0, False), (0.01, True), (1.0, False)])
 def test_gains_whose_noise_moves_an_actuator_out_of_its_dead_band_say_so(
-    learnt: IdentificationResult, dead_band: float, wears: bool
+    designed: Outcome, dead_band: float, wears: bool
 ) -> None:
     """A valve that had rested made ten strokes a second, and nothing told of it."""
-    used = handed_over(Running(lambda _: 1.0), learnt)[1].candidates[0]
+    used = designed.candidates[0]
     assert used.worth is not None
     told = wear_in_noise(used, dead_band, noise=0.01 / used.worth.noise_gain)
     assert told.startswith("noise moves the control by 0.01 and so the actuator for ever") == wears
     assert bool(told) == wears
 
 
-def test_a_pace_that_is_found_after_the_design_is_told_with_its_gains(learnt: IdentificationResult) -> None:
+def test_a_pace_that_is_found_after_the_design_is_told_with_its_gains(designed: Outcome) -> None:
     """It printed the one from before, which makes another loop."""
-    _, outcome = handed_over(Running(lambda _: 1.0), learnt)
-    used, *others = outcome.held(Pace(4.0)).candidates
-    assert used.tuned.tuning.controller == outcome.tuned.tuning.controller
+    used, *others = designed.held(Pace(4.0)).candidates
+    assert used.tuned.tuning.controller == designed.tuned.tuning.controller
     assert used.pace == Pace(4.0)
     assert all(one.pace == Pace() for one in others)
 
 
 @pytest.mark.parametrize(("now", "sent"), [(0.0, 0.25), (0.2, 0.25), (0.25, None), (0.5, None)])
 def test_what_the_steps_of_a_sensor_hide_counts_as_none_and_no_deadband_is_made_less(
-    learnt: IdentificationResult, now: float, sent: float | None
+    designed: Outcome, now: float, sent: float | None
 ) -> None:
     running = Running(lambda _: 1.0)
-    _, outcome = handed_over(running, learnt)
-    tried = handover_of(running, deadband=now).apply_and_monitor(replace(outcome, deadband=0.25), quiet(), 0.01, 2.0)
+    tried = handover_of(running, deadband=now).apply_and_monitor(replace(designed, deadband=0.25), quiet(), 0.01, 2.0)
     assert [design.deadband for design in running.applied] == [sent]
     assert ("errors up to 0.25 count as none (deadband)" in tried.message) == (sent is not None)
