@@ -187,7 +187,7 @@ class _Lines:
         self._told_at = time.monotonic()
         if stage.remaining > 0.0 and not self._announced:
             self._announced = True
-            print(f"rest and experiments take about {stage.remaining:.0f} s", file=sys.stderr, flush=True)
+            print(f"it takes about {stage.remaining:.0f} s in all", file=sys.stderr, flush=True)
         self._last = now
         left = f", {stage.remaining:.0f} s to go" if stage.remaining > 0.0 else ""
         said = f": {stage.message}" if stage.message else ""

@@ -94,7 +94,7 @@ def autotune_request(goal: Autotune.Goal, defaults: dict[str, Any]) -> AutotuneR
     tuning = tuning_request(Tune.Request(process="P1", **shared), defaults)
     wanted = criteria(tuning, defaults, compare=not goal.method)
     trial = trial_of(goal, defaults)
-    chosen["until_known"] = defaults["autotune.until_known"]
+    chosen |= {"until_known": defaults["autotune.until_known"], "proved": trial is None and not goal.propose_only}
     second = defaults["autotune.second_round"]
     return AutotuneRequest(ExperimentSettings(**chosen), template, wanted, goal.propose_only, trial, second)
 

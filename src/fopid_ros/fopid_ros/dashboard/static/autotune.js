@@ -57,7 +57,7 @@ export function plan() {
 function showPlan({ status, message, plan: steps, duration }) {
   const known = status === 200 && Boolean(steps);
   if (!known) planned = setTimeout(plan, PLAN_AGAIN);
-  put("plan-time", known ? `About ${seconds(duration)} of rest and experiments, and some seconds to a minute to work gains out; how long these are watched and proved is told then.` : message);
+  put("plan-time", known ? `About ${seconds(duration)} in all.` : message);
   at("plan-time").className = known ? "quiet" : "warning";
   at("plan-steps").replaceChildren(...(known ? steps : []).map((step) => {
     const item = document.createElement("li"), [, name, rest] = step.match(/^([^:]+)(:.*)?$/s);
@@ -85,7 +85,7 @@ function showProgress(told) {
     + " Gains and other tunings are locked.");
   at("autotuning-progress").value = stage?.progress ?? 0;
   const parts = [`${elapsed ?? 0} s so far`];
-  if (stage?.remaining) parts.push(`${seconds(stage.remaining)} left ${stage.phase === "measuring" ? "of rest and experiments" : "in this phase"}`);
+  if (stage?.remaining) parts.push(`${seconds(stage.remaining)} left ${stage.phase === "measuring" ? "in all" : "in this phase"}`);
   if (stage?.deviation) parts.push(`off the setpoint by ${Number(stage.deviation.toPrecision(2))}`);
   if (stage?.fit_pct) parts.push(`fit ${stage.fit_pct.toFixed(1)} %`);
   put("autotuning-text", canceling ? "cancelling; the tuner puts everything back" : parts.join(" · "));

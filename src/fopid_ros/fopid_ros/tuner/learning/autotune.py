@@ -30,7 +30,7 @@ from fopid_ros.tuner.learning.gain_update import (
     counting_as_none,
     response_time,
 )
-from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline, quieter
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, OpenLoopError, Stage
 from fopid_ros.tuner.learning.proof import Proof
@@ -464,8 +464,7 @@ class Autotuner:
     ) -> Outcome:  # fmt: skip
         """Gains for what was learnt; or those of an earlier design, slower."""
         loop, every = self._experiment.loop, self._request.propose_only
-        # A livelier loop answers the noise, which looks like more of it: what was least is nearest to the sensor's own.
-        sensor = min(self._rest.sensor, loop.sensor, key=lambda seen: seen.level)
+        sensor = quieter(self._rest, loop).sensor
         outcome = update.design(
             found, sensor, loop.control_peak, loop.control_rate, loop.control,
             every=every, record=record, slower=slower,

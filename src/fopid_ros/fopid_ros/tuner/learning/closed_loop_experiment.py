@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from fopid_core.design.identification.noise import resolution
 from fopid_core.errors import InputError
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
+from fopid_ros.tuner.learning.announcement import announcement, usual_time
 from fopid_ros.tuner.learning.calm import Calm
 from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
@@ -60,12 +61,10 @@ SMOOTHED_SHARE = 0.2
 """Share of that calm over which noise is averaged out: of a hundred samples one is often beyond three deviations."""
 SEEN_SAMPLES = 2000
 """So many of the newest samples show how a measurement is quantised."""
-TOTAL, TOTAL_UNTIL_KNOWN = 2.0, 1.2
-"""How long all of it takes, in lengths of the experiment; where it ends when enough is known."""
 LONGEST = 3.0
-"""No further experiment is begun that would end later than this, in the same lengths."""
-THEN = "then gains are worked out (seconds to a minute), watched and proved: how long is told with them"
-"""What is said beside it, since that depends on the computer and on the new loop."""
+"""No further experiment is begun that would end later than this, in lengths of one."""
+TICKS_HEARD = 100
+"""So many ticks at rest are waited for, those before the experiment included: fewer tell no spectrum of the noise."""
 LOOKS_AT = (3, 4, 5, 6, 8, 10, 13, 17, 22)
 """After how many holds of a prbs it is looked whether enough is known."""
 WAY_BACK = (0.5, 0.6, 0.7, 0.8, 0.9)
@@ -90,6 +89,8 @@ class ExperimentSettings:
         [s]
     until_known : bool
         Whether a ``prbs`` whose duration nobody has said ends before its time once enough is known.
+    proved : bool
+        Whether gains are tried out after it, watched and proved: that takes its time as well.
     """
 
     excitation: Kind = "prbs"
@@ -97,6 +98,7 @@ class ExperimentSettings:
     deviation_max: float = 0.0
     duration: float = 0.0
     until_known: bool = True
+    proved: bool = False
 
 
 class RestlessError(InputError):
@@ -218,7 +220,8 @@ class ClosedLoopExperiment:
                 return False
             looked[0] = now
             loop.measure(list(ticks), self._wanted.deviation_max, self._tap.history.travel("setpoint"))
-            return loop.at_steady_state or now - begun[0] > duration
+            heard = loop.at_steady_state and self._tap.history.unmoved(TICKS_HEARD).size >= TICKS_HEARD
+            return heard or now - begun[0] > duration
 
         self._tap.set_tick_hook(hook)
         self._wait.until(
@@ -227,13 +230,14 @@ class ClosedLoopExperiment:
         )
         if not loop.at_steady_state:
             raise RestlessError(loop.why_not_at_rest(duration))
-        loop.allow_for_unrest(self._wanted.deviation_max, self._tap.history.travel("setpoint"))
+        unmoved = self._tap.history.unmoved(SEEN_SAMPLES)
+        loop.listen(unmoved, self._wanted.deviation_max, self._tap.history.travel("setpoint"))
         loop.check_amplitude(self._wanted.amplitude)
 
     @property
     def estimate(self) -> float:
-        """How long rest, probes, experiment and what follows take [s]."""
-        return (TOTAL_UNTIL_KNOWN if self.ends_when_known else TOTAL) * self.duration
+        """How long all of it usually takes [s]."""
+        return usual_time(self.duration, self.ends_when_known, self._wanted.proved)
 
     @property
     def ends_when_known(self) -> bool:
@@ -244,8 +248,7 @@ class ClosedLoopExperiment:
     @property
     def announced(self) -> str:
         """How long it takes, in words."""
-        longest = f"up to {LONGEST * self.duration:.3g} s where they say too little"
-        return f"about {self.estimate:.3g} s of rest and experiments, {longest}; {THEN}"
+        return announcement(self.duration, self.ends_when_known, self._wanted.proved)
 
     @property
     def newest(self) -> float:

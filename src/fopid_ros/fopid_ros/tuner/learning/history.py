@@ -115,6 +115,17 @@ class History:
         with self._lock:
             return self._samples[signal].table()[-count:, 1]
 
+    def unmoved(self, count: int) -> np.ndarray:
+        """The last measurements since setpoint or experiment moved the loop, at the ticks; shape (count,) at most."""
+        with self._lock:
+            kept = {name: samples.table()[-2 * count :] for name, samples in self._samples.items()}
+        moves = [kept[name][1:, 0][np.diff(kept[name][:, 1]) != 0.0] for name in ("setpoint", EXCITATION)]
+        since = max((float(times[-1]) for times in moves if len(times)), default=-math.inf)
+        ticks = kept["control"][:, 0]
+        if not len(kept["measurement"]):
+            return np.empty(0)
+        return _held(kept["measurement"], ticks[ticks >= max(since, kept["measurement"][0, 0])])[-count:]
+
     def travel(self, signal: str) -> float:
         """The distance of its largest and smallest value, as long as it is remembered."""
         with self._lock:

@@ -32,6 +32,8 @@ LEAST_MOVE_SHARE = 0.005
 FAR_OFF, MAD, FEW = 10.0, 1.4826, 0.05
 """A value that is so many standard deviations off the median, these told from the median distance, is no noise; such a
 share of all may be."""
+FAR_LONGER = 2
+"""So many times as many samples tell more of a sensor than the fewer."""
 SMALL_STEP = 0.25
 """Of the setpoint, as a share of the allowed deviation, that is not to take the control to a limit or past its rate."""
 
@@ -65,6 +67,8 @@ class LoopBaseline:
         What is allowed at least, and at most, where nobody says it.
     spikes : int
         So many samples at rest were far off all others, where these were few.
+    samples : int
+        From so many the noise is known.
     """
 
     controller: RunningController
@@ -82,6 +86,7 @@ class LoopBaseline:
     deviation_least: float = 0.0
     deviation_most: float = math.inf
     spikes: int = 0
+    samples: int = 0
 
     def measure(self, ticks: Sequence[Tick], deviation_max: float, travel: float) -> None:
         """Take what a stretch of ticks shows.
@@ -104,17 +109,42 @@ class LoopBaseline:
         first, second = np.array_split(measured, 2)
         self.drift = float(second.mean() - first.mean())
         self.swing = half_range(measured)
-        self.noise = max(float(white_level(measured)), resolution(measured) / math.sqrt(12.0))
-        self.spikes = _spikes(measured)
-        self.unrest, self.spread = self.noise, spread_about_drift(measured)
-        self.coloured = noise_at_rest(measured, self.controller.sample_time)
+        self.spread = spread_about_drift(measured)
+        self._take_noise(measured)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
-    def allow_for_unrest(self, deviation_max: float, travel: float) -> None:
-        """Once it rests: a hum, a small limit cycle or a sensor that reads seldom is to be told from an answer, too."""
+    def _take_noise(self, measured: Floats) -> None:
+        self.samples = measured.size
+        self.noise = max(float(white_level(measured)), resolution(measured) / math.sqrt(12.0))
+        self.spikes = _spikes(measured)
+        self.unrest = self.noise
+        self.coloured = noise_at_rest(measured, self.controller.sample_time)
+
+    def listen(self, before: Floats, deviation_max: float, travel: float) -> None:
+        """Once it rests: take its noise from all of the rest, and tell more than noise from an answer, too.
+
+        A hum, waves, samples that are far off now and then, a small limit cycle or a sensor that reads seldom show in
+        more ticks than are needed to see a loop at rest.
+
+        Parameters
+        ----------
+        before : ndarray, shape (n,)
+            The measurement up to now, while nothing was moved; its end is what ``measure`` has seen.
+        deviation_max, travel : float
+            As of ``measure``.
+        """
+        length, since = self.samples, before.size - self.samples
+        while since >= length and self._rests(before[since - length : since]):
+            since -= length
+        self._take_noise(before[since:])
         if self.coloured is not None or self.spread > UNREST * self.noise:
             self.unrest = min(max(self.noise, self.spread), MOST_UNREST * self.noise)
-            self.deviation_max = deviation_max or self._chosen_deviation(travel)
+        self.deviation_max = deviation_max or self._chosen_deviation(travel)
+
+    def _rests(self, measured: Floats) -> bool:
+        """Whether it stays about where it is now."""
+        near = abs(float(measured.mean()) - self.setpoint - self.offset) <= STEADY_STATE_SHARE * self.deviation_max
+        return near and half_range(measured) <= RESTLESS_SHARE * self.deviation_max
 
     @property
     def room(self) -> float:
@@ -203,6 +233,15 @@ class LoopBaseline:
             told = f"measurement swings by {self.swing:.4g} to either side: a limit cycle or a disturbance"
         rest = f"a loop at rest, {most:.4g} at most (a {share} of the {self.deviation_max:.4g} of deviation_max)"
         return f"{told}, for {waited:.3g} s; allowed: {rest}"
+
+
+def quieter(one: LoopBaseline, other: LoopBaseline) -> LoopBaseline:
+    """Of a loop looked at twice, that which tells of its sensor: the quieter one, unless it was heard far more briefly.
+
+    A livelier loop answers the noise, which looks like more of it; what is far off now and then is missed in little.
+    """
+    quiet, loud = sorted((one, other), key=lambda loop: loop.sensor.level)
+    return loud if loud.samples >= FAR_LONGER * quiet.samples else quiet
 
 
 def _spikes(measured: Floats) -> int:
