@@ -111,9 +111,9 @@ def test_much_livelier_gains_are_followed_by_a_round_that_learns_from_theirs_alo
     records = designed(lambda number: learnt if number == 1 else Outcome(message="nothing better"))
     make, rounds = Autotuner._make_round, []
 
-    def made(self: Autotuner, began: float) -> Outcome:
+    def made(self: Autotuner, began: float, *another: bool) -> Outcome:
         rounds.append((began, self._gain_update._noise_gain_aim))
-        return make(self, began)
+        return make(self, began, *another)
 
     monkeypatch.setattr(Autotuner, "_make_round", made)
     _, outcome = tuned()
@@ -196,11 +196,11 @@ def test_a_loop_that_does_not_rest_again_has_its_gains_back(
     designed(lambda _: found(1.2, held_back))
     measure, asked = ClosedLoopExperiment.measure, []
 
-    def restless(self: ClosedLoopExperiment, *borne: float) -> None:
+    def restless(self: ClosedLoopExperiment, *borne: float, **told: bool) -> None:
         asked.append(self)
         if len(asked) > 1:
             raise RestlessError("measurement swings")
-        measure(self, *borne)
+        measure(self, *borne, **told)
 
     monkeypatch.setattr(ClosedLoopExperiment, "measure", restless)
     loop, outcome = tuned()

@@ -25,6 +25,12 @@ _LONG_DELAY = 1e4  # [s]: with a longer one lower frequencies matter
 _FLAT = math.radians(5.0)
 _TWELFTH = math.radians(30.0)
 
+PRACTICAL_ORDERS = {"lam": (0.7, 1.3), "mu": (0.5, 1.5)}
+"""Orders that leave no long tails and no noise without end."""
+LEAST_PROPORTIONAL = 0.1
+"""Of kp, in units of the process's gain or of the controller's at the crossover: less, and the integral and the
+derivative alone do the work."""
+
 
 def gain_sign(process: Process) -> float:
     """The sign the controller's gains must have.

@@ -60,7 +60,7 @@ UNSEEN_END = (
 )
 """What is said where such ranges were searched."""
 RUNS_AWAY = "learnt as a process that runs away without a controller"
-"""What is said of such a process."""
+"""Of such a process."""
 SLOWED, MOST_SLOWED = ((0.7, 0.85), (0.5, 0.6)), 2
 """Where the record forbids all designs: so many of them, those that it forbids by least, are made so much slower, and
 where one is allowed then, half as much slower."""
@@ -196,16 +196,14 @@ def improve(
     best = judge.best if compare or asked is None else asked
     if best is not None and compare:
         best = best[0], trial.calmed(best[1]), best[2]
-    candidates = tuple(
-        replace(one, pace=_pace(flawed, judge, one.tuned)) if not one.refusal else one
-        for one in _one_of_each(trial.made, best[1] if best else None)
-    )
+    each = _one_of_each(trial.made, best[1] if best else None)
+    candidates = tuple(one if one.refusal else replace(one, pace=_pace(flawed, judge, one.tuned)) for one in each)
     if best is None:
         first = trial.made[0]
-        told = f"{first.refusal}; none of {len(trial.made)} designs is better than what runs"
+        told = f"{first.refusal}; none of {len(trial.made)} designs holds all that is possible and beats what runs"
         return Improvement(False, told, first.tuned, candidates)
-    _, tuned, wanted = best
-    parts = [tuned.message, judge.told(tuned, wanted.rule or wanted.method)]
+    score, tuned, wanted = best
+    parts = [tuned.message, judge.told(tuned, _name(wanted), _why(score, candidates, promising))]
     unseen = bool(_box(identified, judge))
     parts += [UNSEEN_END] * unseen + [RUNS_AWAY] * identified.best.structure.runs_away
     held_back, pace = unseen and compare, candidates[0].pace
@@ -353,6 +351,17 @@ def _one_of_each(found: Sequence[Candidate], chosen: RobustTuning | None) -> tup
         if one.name not in by_name or one.score <= by_name[one.name].score:
             by_name[one.name] = one
     return tuple(sorted(by_name.values(), key=lambda one: (bool(one.refusal), one.tuned is not chosen, one.score)))
+
+
+def _why(score: float, made: Sequence[Candidate], promising: Iterable[_Promise]) -> str:
+    """What speaks for the first: the scores of the others beside its own, and which may not be used."""
+    first, *others = made
+    scores = {one.name: one.score for one in others}
+    for one in (each for each in promising if _name(each.wanted) != first.name):
+        scores.setdefault(_name(one.wanted), math.inf if one.refusal else one.score)
+    ordered = sorted(scores.items(), key=lambda item: item[1])
+    told = [f"{name} {each / score:.3g}" if each < math.inf else f"{name} not allowed" for name, each in ordered]
+    return f"score of errors, movement and terms beside it: {', '.join(told)}" if told else ""
 
 
 def _promising(

@@ -286,11 +286,11 @@ class LoopJudge:
             return new.load
         return float((new.load / old.load) ** LOAD_WEIGHT * (new.setpoint / old.setpoint) ** (1.0 - LOAD_WEIGHT))
 
-    def told(self, tuned: RobustTuning, name: str) -> str:
-        """What the new gains are worth beside the old ones."""
+    def told(self, tuned: RobustTuning, name: str, why: str = "") -> str:
+        """What the new gains are worth beside the old ones, and why it is these."""
         new, old = self._pair(tuned)
         near = f", too near to instability to be kept ({self._ms_max:g} is allowed)" if old.ms > self._ms_max else ""
-        return f"{name} was best: {new}; before {old}{near}"
+        return f"{name} was best{f' ({why})' if why else ''}: {new}; before {old}{near}"
 
     def _pair(self, tuned: RobustTuning) -> tuple[LoopWorth, LoopWorth]:
         if tuned.tuning is None or tuned.tuning.controller is None:

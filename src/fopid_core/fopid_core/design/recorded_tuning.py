@@ -284,7 +284,7 @@ def tune_recorded(
         told = f"{told}; noise moves the control by {moved:.3g}"
         if moved > bounds.control_from_noise and _is_free(request, given):
             allowed = f"{bounds.control_from_noise:.3g} is allowed: no quieter design was found"
-            filters = "; tune time chooses a filter as well" if method == "frequency" else ""
+            filters = "; tune time chooses a filter as well" if method != "time" else ""
             success, told = False, f"{told}, {allowed}{filters}"
     message = f"{identified.message}; from the record: {bounds.told}; {told}"
     return RecordedTuning(success, message, identified, noise, bounds, request, tuned, taken)
@@ -370,8 +370,9 @@ def _quiet(
 
 def _is_free(request: TuningRequest, given: Mapping[str, Any]) -> bool:
     """Whether nobody has said what decides how far noise moves the control."""
-    decide = {"frequency": ("crossover",), "time": ("noise_max", "noise_rms_max", "filter_order")}
-    return request.method in decide and not any(name in given for name in decide[request.method])
+    in_time = ("noise_max", "noise_rms_max", "filter_order")
+    decide = {"frequency": ("crossover",), "time": in_time, "rule": ("rule", "crossover")}[request.method]
+    return not any(name in given for name in decide)
 
 
 def control_noise(process: Process, tuning: TuningResult | None, bounds: RecordedBounds) -> float:

@@ -32,6 +32,8 @@ FEWEST, SHARE = 3, 0.3
 """So many frequencies must be left, and such a share of those known, for its structure to be wrong."""
 THROUGHOUT = 0.9
 """A model that leaves such a share is wrong throughout: of another kind."""
+MOSTLY = 0.7
+"""One that leaves such a share is no guide to where nothing is known."""
 
 
 def contradicts(response: FrequencyResponse, process: Process, share: float = SHARE) -> str:
@@ -146,7 +148,7 @@ def held_to_record(
     doubt = contradicts(seen, learnt.process)
     if not doubt:
         return doubt, no_objection
-    wrong = learnt.fit_pct < LEAST_FIT or bool(contradicts(seen, learnt.process, THROUGHOUT))
+    wrong = learnt.fit_pct < LEAST_FIT or bool(contradicts(seen, learnt.process, MOSTLY))
     return doubt, held_without_a_model(seen, learnt.process, ms_max, sample_time, wrong=wrong)
 
 
@@ -211,7 +213,7 @@ def held_without_a_model(
     sample_time : float
         Of the controller [s]; 0 for that of the response.
     wrong : bool
-        Whether the process is wrong throughout, or explains too little: no design may do all its work below the
+        Whether the process is mostly wrong, or explains too little: no design may do all its work below the
         frequencies then, of which nothing is known.
 
     Examples

@@ -138,6 +138,8 @@ class FrequencySpecification:
         Bound on the control right after a unit setpoint step, of the controller as it runs at ``sample_time`` [s].
     load_left_max : float
         Bound on what a load has left in the end, see ``load_tail``.
+    practical : bool
+        Whether kp and the orders are to be off their edges, where nobody would trust them.
     """
 
     phase_margin: float
@@ -148,6 +150,7 @@ class FrequencySpecification:
     u_max: float = math.inf
     sample_time: float = 0.01
     load_left_max: float = math.inf
+    practical: bool = False
 
     def __post_init__(self) -> None:
         _require_angle(self.phase_margin)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopid_core.design.control_peak import first_control
+from fopid_core.design.defaults import LEAST_PROPORTIONAL, PRACTICAL_ORDERS
 from fopid_core.design.frequency.exact_gains import ControllerTarget, has_one_sign
 from fopid_core.design.load_tail import LoadTail
 from fopid_core.design.specification import FrequencySpecification
@@ -262,7 +263,7 @@ class OrderSearch:
         t_db, s_db = _worst_db(t_power[:, self._t_band]), _worst_db(s_power[:, self._s_band])
         ms, mt = (np.sqrt(values.max(axis=1, initial=1.0)) for values in (s_power, t_power))
         beyond = np.maximum(self._beyond_crossover(power), self._beyond_control(gains))
-        beyond = np.maximum(beyond, self._beyond_load_tail(gains))
+        beyond = np.maximum(beyond, np.maximum(self._beyond_load_tail(gains), self._beyond_practice(gains)))
         return Designs(np.column_stack([gains, t_db, s_db, ms, mt, self._flatness(loop), beyond]))
 
     def _loop(self, gains: Real) -> Complex:
@@ -290,6 +291,16 @@ class OrderSearch:
         if math.isinf(self.specification.load_left_max):
             return np.full(len(gains), -np.inf)
         return np.asarray(20.0 * np.log10(self._load_tail.left(gains) / self.specification.load_left_max))
+
+    def _beyond_practice(self, gains: Real) -> Real:
+        """How far kp and orders are outside what a practitioner accepts, negative inside: dB in name only."""
+        if not self.specification.practical:
+            return np.full(len(gains), -np.inf)
+        kp, _, kd, lam, mu = gains.T
+        (lam_low, lam_high), (mu_low, mu_high) = PRACTICAL_ORDERS["lam"], PRACTICAL_ORDERS["mu"]
+        without_derivative = np.where(kd, np.maximum(mu_low - mu, mu - mu_high), -np.inf)
+        orders = np.maximum(np.maximum(lam_low - lam, lam - lam_high), without_derivative)
+        return np.asarray(20.0 * np.maximum(orders, LEAST_PROPORTIONAL - np.abs(kp / self._target.c0)))
 
     def _flatness(self, loop: Complex) -> Real:
         """Decades around the crossover in which the phase stays within FLAT of the wished one."""

@@ -116,7 +116,8 @@ def _choices(
             ]
             modest = [_modest(process, request, specification) for specification in asked]
             fair = [_fair(request, specification) for specification in modest]
-            yield from dict.fromkeys([*fair, *modest, *asked])  # each once
+            practical = [replace(each, practical=True) for each in fair]
+            yield from dict.fromkeys([*practical, *fair, *modest, *asked])  # each once
 
 
 def _fair(request: TuningRequest, specification: FrequencySpecification) -> FrequencySpecification:

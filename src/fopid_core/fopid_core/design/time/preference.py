@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
+from fopid_core.design.defaults import LEAST_PROPORTIONAL, PRACTICAL_ORDERS
 from fopid_core.design.specification import NUMBERS, STRUCTURES
 from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.design.time.tuning import TimeDesign
@@ -21,10 +22,10 @@ SIMPLER = ("pi", "pid", "fopi")
 """Tried in this order. Not those without integral action: what they leave of a load is not in every index."""
 NEAR_ONE = 0.15
 """How near to 1 an order is for it to be tried there."""
-PRACTICAL = {"lam": (0.7, 1.3), "mu": (0.5, 1.5)}
-"""Orders that leave no long tails and no noise without end."""
-LEAST_PROPORTIONAL = 0.1
-"""Of kp, in units of the process's gain: less, and the integral and the derivative alone do the work."""
+PRACTICAL_WORTH = 0.1
+"""By how much more one may cost whose kp and orders are off their edges."""
+
+OFF_EDGES = "a fopid with kp and orders off their edges"
 
 Search = Callable[[TimeSpecification], TimeDesign | None]
 
@@ -64,7 +65,8 @@ def preferred(specification: TimeSpecification, best: TimeDesign, gain: float, s
         return Preferred(best, "fopid")
     for name, changed in _candidates(specification, best, gain):
         found = search(changed)
-        if found is not None and found.met and found.cost <= (1.0 + EQUAL) * best.cost:
+        worth = PRACTICAL_WORTH if name == OFF_EDGES else EQUAL
+        if found is not None and found.met and found.cost <= (1.0 + worth) * best.cost:
             dearer = 100.0 * max(found.cost / best.cost - 1.0, 0.0)
             words = f"{name} preferred: it costs {dearer:.2g} % more than the best fopid ({best.controller})"
             return Preferred(found, name if name in STRUCTURES else "fopid", words)
@@ -86,11 +88,8 @@ def _candidates(
         yield f"fopid with {name} = 1", _with(specification, {name: 1.0})
     if not _is_practical(best, gain):
         sides = sorted((LEAST_PROPORTIONAL / gain, 1e3 / gain))
-        ranges = {**PRACTICAL, "kp": (sides[0], sides[1])}
-        yield (
-            "a fopid with kp and orders off their edges",
-            replace(specification, bounds={**specification.bounds, **ranges}),
-        )
+        ranges = {**PRACTICAL_ORDERS, "kp": (sides[0], sides[1])}
+        yield OFF_EDGES, replace(specification, bounds={**specification.bounds, **ranges})
 
 
 def _with(specification: TimeSpecification, numbers: Mapping[str, float]) -> TimeSpecification:
@@ -100,5 +99,5 @@ def _with(specification: TimeSpecification, numbers: Mapping[str, float]) -> Tim
 def _is_practical(design: TimeDesign, gain: float) -> bool:
     found = design.controller
     orders = {"lam": found.lam if found.ki else 1.0, "mu": found.mu if found.kd else 1.0}
-    inside = all(low <= orders[name] <= high for name, (low, high) in PRACTICAL.items())
+    inside = all(low <= orders[name] <= high for name, (low, high) in PRACTICAL_ORDERS.items())
     return inside and abs(found.kp * gain) >= LEAST_PROPORTIONAL

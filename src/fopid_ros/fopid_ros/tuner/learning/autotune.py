@@ -21,6 +21,7 @@ from fopid_core.model.loop import Loop
 from fopid_core.runtime.performance_monitor import LoopPerformance
 from fopid_core.runtime.settings import Pace
 from fopid_ros.tuner.controller_client import ControllerClient
+from fopid_ros.tuner.learning.announcement import planned
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings, RestlessError
 from fopid_ros.tuner.learning.gain_update import (
     AcceptanceCriteria,
@@ -118,6 +119,7 @@ class Autotuner:
         self._tap, self._client, self._request, self._wait = tap, client, request, wait
         self._updates: list[GainUpdate] = []
         self._learnt: tuple[IdentificationResult, Record] | None = None
+        self._smaller: list[Record] = []
         self._take_for(read_running_controller(client), before)
         self._rest = self._experiment.loop
 
@@ -134,35 +136,7 @@ class Autotuner:
 
     def plan(self) -> tuple[list[str], float]:
         """What ``run`` will do, a line for each phase, and how long that takes [s]; the loop is left alone."""
-        experiment, trial = self._experiment, self._request.trial
-        rest = f"measuring: wait until the loop rests, {experiment.rest_window:.3g} s or more"
-        if trial is not None:
-            watched = trial.watched(self._controller.sample_time)
-            watching = f"watching: for {watched:.3g} s; the gains from before come back if the loop gets worse"
-            lines = [rest, f"applying: {trial.design.gains}, on trial", watching]
-            return lines, experiment.rest_window + watched
-        methods = (
-            "the method asked for, PI, PID and FOPID in time, and rules"
-            if self._request.criteria.compare
-            else f"method {self._request.criteria.tuning.method}"
-            + (", and beside it PI, PID and FOPID in time, and rules" if self._request.propose_only else "")
-        )
-        lines = [
-            rest, *experiment.plan, "identifying: models are fitted and judged on a part of the record held back",
-            f"tuning: by {methods}", "verifying: on every process that the record leaves possible",
-        ]  # fmt: skip
-        if self._request.propose_only:
-            return [*lines, "nothing is applied: the gains are proposed"], experiment.estimate
-        watching = "watching: for ten response times; the gains from before come back if the loop gets worse"
-        proving = (
-            "proving: moved once more as far as that, then up to half of what is allowed; the gains from before come "
-            "back if it swings on or hunts, or would in larger moves, by an actuator as slow as it may be"
-        )
-        lines += ["applying: without a bump, on trial", watching, proving]
-        if self._has_a_second_round:
-            where = "where the record does not show the process's slow end, or these are much livelier"
-            lines.append(f"all that once more with the new gains, {where}")
-        return lines, experiment.estimate
+        return planned(self._request, self._experiment, self._controller.sample_time, self._has_a_second_round)
 
     @property
     def reach(self) -> Reach:
@@ -174,6 +148,10 @@ class Autotuner:
         """Where nobody has said how long it is to take, nor that nothing is to be applied."""
         asked = self._request
         return asked.second_round and self._experiment.ends_when_known and not asked.propose_only
+
+    def _calls_for_another(self, outcome: Outcome) -> bool:
+        """Whether the new gains are such that a second round follows."""
+        return outcome.held_back or self._is_livelier(outcome)
 
     def _is_livelier(self, outcome: Outcome) -> bool:
         """Whether new gains act far more strongly than those before."""
@@ -216,14 +194,16 @@ class Autotuner:
         began = self._tap.history.newest_time("control")
         self._tap.history.whole_since = began
         self._wait.begin_round("", (0.0, 0.5 if self._has_a_second_round else 1.0))
-        first = self._make_round(began)
-        again = first.applied and (first.held_back or self._is_livelier(first))
-        if again and self._has_a_second_round:
+        first = self._make_round(began, self._has_a_second_round)
+        if first.applied and self._has_a_second_round and self._calls_for_another(first):
             return self._once_more(first, began)
         return self._prove(first, self._gain_update, self._experiment.furthest)
 
-    def _make_round(self, began: float) -> Outcome:
-        """Excite, learn from all that was heard since ``began``, and apply what is better than what runs."""
+    def _make_round(self, began: float, another: bool = False) -> Outcome:
+        """Excite, learn from all that was heard since ``began``, and apply what is better than what runs.
+
+        ``another`` may follow, where the gains call for it.
+        """
         outcome, sufficiency = Outcome(), self._sufficiency()
 
         def is_over() -> bool:
@@ -245,11 +225,23 @@ class Autotuner:
                 break
             # What hid the process in smaller moves would do so again: it is learnt from alone.
             if widened:
+                self._smaller.append(self._tap.history.record(began))
                 began, sufficiency = self._tap.history.newest_time("control"), self._sufficiency()
         if not outcome.success or self._request.propose_only:
             return outcome
         self._experiment.settle("applying", 0.72)
-        return self._gain_update.apply_and_monitor(outcome, *self._what_is_borne())
+        return self._apply(self._gain_update, outcome, another and self._calls_for_another(outcome))
+
+    def _apply(self, update: GainUpdate, outcome: Outcome, another: bool = False) -> Outcome:
+        """Gains on trial, watched; before it is told how long that takes, with what follows."""
+        tuning = outcome.tuned.tuning if outcome.tuned else None
+        if another or tuning is None or tuning.controller is None:
+            then = "; then a second round" * another
+            return update.apply_and_monitor(outcome, *self._what_is_borne(), then=then)
+        loop = LoopBaseline(replace(self._controller, gains=tuning.controller))
+        proof = Proof(self._tap, self._wait, loop, self._request.experiment, self._experiment.reach, self._rest)
+        seconds = proof.usual_time(response_time(outcome))
+        return update.apply_and_monitor(outcome, *self._what_is_borne(), proof=seconds)
 
     def _sufficiency(self) -> Sufficiency:
         return Sufficiency(self._request.template, self._experiment.loop.unrest, self._controller.sample_time)
@@ -265,7 +257,7 @@ class Autotuner:
             return self._prove(first, update, made.furthest)
         self._wait.begin_round("second round", (0.5, 1.0))
         try:
-            self._experiment.measure(made.furthest)
+            self._experiment.measure(made.furthest, announced=False)
             second = self._make_round(began if first.held_back else self._tap.history.newest_time("control"))
         except RestlessError as error:
             return self._taken_back(first, update, str(error))
@@ -296,7 +288,7 @@ class Autotuner:
             running = LoopBaseline(read_running_controller(self._client))
             asked, reach = self._request.experiment, self._experiment.reach
             proof = Proof(self._tap, self._wait, running, asked, reach, self._rest)
-            proof.measure(borne)
+            proof.measure(borne, announced=False)
             against = proof.prove(response_time(outcome))
             if not against:
                 pace, against = self._borne_in_large_moves(outcome, running, proof)
@@ -394,7 +386,7 @@ class Autotuner:
                 self._come_to_rest()
                 outcome = design()
                 if outcome.success:
-                    outcome = update.apply_and_monitor(outcome, *self._what_is_borne())
+                    outcome = self._apply(update, outcome)
                     outcome = self._prove(outcome, update, self._experiment.furthest)
             except InputError as error:
                 update.roll_back()
@@ -407,10 +399,10 @@ class Autotuner:
         """Wait for it longer than usual, since other gains have moved the loop, and these may be slow."""
         for _ in range(RESTS - 1):
             try:
-                return self._experiment.measure()
+                return self._experiment.measure(announced=False)
             except RestlessError:
                 continue
-        return self._experiment.measure()
+        return self._experiment.measure(announced=False)
 
     def _others(self, update: GainUpdate, design: TuningResult) -> Iterator[tuple[str, Callable[[], Outcome]]]:
         """What else is tried: how it is called, and how it is made."""
@@ -467,7 +459,7 @@ class Autotuner:
         sensor = quieter(self._rest, loop).sensor
         outcome = update.design(
             found, sensor, loop.control_peak, loop.control_rate, loop.control,
-            every=every, record=record, slower=slower,
+            every=every, record=record, smaller=self._smaller, slower=slower,
         )  # fmt: skip
         # Between two steps an integral moves the control for ever, and a derivative makes it jump at each.
         deadband, told = hidden_by_steps(record.measurement, self._rest.noise), outcome.message

@@ -63,8 +63,9 @@ SEEN_SAMPLES = 2000
 """So many of the newest samples show how a measurement is quantised."""
 LONGEST = 3.0
 """No further experiment is begun that would end later than this, in lengths of one."""
-TICKS_HEARD = 100
-"""So many ticks at rest are waited for, those before the experiment included: fewer tell no spectrum of the noise."""
+TICKS_HEARD, MOST_HEARD = 100, 200
+"""So many ticks at rest are waited for, those before it included: fewer tell no spectrum of the noise. So many are
+listened to, or as many as are looked at for rest: in more there are drifts and loads as well."""
 LOOKS_AT = (3, 4, 5, 6, 8, 10, 13, 17, 22)
 """After how many holds of a prbs it is looked whether enough is known."""
 WAY_BACK = (0.5, 0.6, 0.7, 0.8, 0.9)
@@ -177,13 +178,15 @@ class ClosedLoopExperiment:
             f"the measurement is further from the setpoint than {ends}"
         ]
 
-    def measure(self, borne: float = math.inf) -> None:
+    def measure(self, borne: float = math.inf, announced: bool = True) -> None:
         """The loop as it is, once it rests: where, and how noisy it is.
 
         Parameters
         ----------
         borne : float
             How far from the setpoint the measurement may be meanwhile, with gains that are not known to hold the loop.
+        announced : bool
+            Whether it is told how long all of it takes, or only what is waited for.
 
         Raises
         ------
@@ -224,13 +227,11 @@ class ClosedLoopExperiment:
             return heard or now - begun[0] > duration
 
         self._tap.set_tick_hook(hook)
-        self._wait.until(
-            measured,
-            lambda: Stage("measuring", 0.0, self.estimate, loop.offset, message=self.announced),
-        )
+        left, told = (self.estimate, self.announced) if announced else (0.0, "until the loop rests")
+        self._wait.until(measured, lambda: Stage("measuring", 0.0, left, loop.offset, message=told))
         if not loop.at_steady_state:
             raise RestlessError(loop.why_not_at_rest(duration))
-        unmoved = self._tap.history.unmoved(SEEN_SAMPLES)
+        unmoved = self._tap.history.unmoved(max(MOST_HEARD, loop.samples))
         loop.listen(unmoved, self._wanted.deviation_max, self._tap.history.travel("setpoint"))
         loop.check_amplitude(self._wanted.amplitude)
 

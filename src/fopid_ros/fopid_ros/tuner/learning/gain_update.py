@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from fopid_core.design.identification.noise import SensorNoise
 from fopid_core.design.identification.record import Record
 from fopid_core.design.improvement import Candidate, improve
 from fopid_core.design.loop_judge import RunningGains
-from fopid_core.design.response_verification import held_to_record, no_objection
+from fopid_core.design.response_verification import Judge, held_to_record, no_objection
 from fopid_core.design.robust_verification import RobustLimits, RobustTuning, first_request
 from fopid_core.design.slower import slower_design
 from fopid_core.design.specification import TuningRequest, TuningResult
@@ -32,8 +32,6 @@ from fopid_ros.tuner.learning.running_controller import TICKS_MIN, RunningContro
 
 MONITORED_RESPONSES = 10.0
 """How long new gains are watched, in response times."""
-PROOF_RESPONSES = 12.0
-"""About how long their proof takes: two moves there and back, and rest after each."""
 WAKES = 1.0 / 3.0
 """Noise whose standard deviation at the control is that share of a dead band takes the actuator out of it often."""
 SILENT = SensorNoise(0.0, 0.0)
@@ -116,11 +114,14 @@ class Trial:
         Of the loop with them [s].
     proof : float
         About how long it takes to move the loop with them afterwards [s]; 0 where that is not done.
+    then : str
+        What else is done afterwards.
     """
 
     design: RunningDesign
     response_time: float
     proof: float = 0.0
+    then: str = ""
 
     def watched(self, sample_time: float) -> float:
         """How long they are watched [s]."""
@@ -150,6 +151,11 @@ def wear_in_noise(used: Candidate, dead_band: Floats | float, noise: float) -> s
 def counting_as_none(deadband: float, count: str = "count") -> str:
     """What is said of errors that the steps of the sensor hide."""
     return f"errors up to {deadband:.3g} {count} as none (deadband), half a step of the measurement"
+
+
+def _first_objection(judges: Iterable[Judge], tuning: TuningResult) -> str:
+    """Why one of them does not take a design; empty where all do."""
+    return next(filter(None, (judge(tuning.controller, tuning.filter) for judge in judges)), "")
 
 
 def response_time(outcome: Outcome) -> float:
@@ -190,7 +196,7 @@ class GainUpdate:
     def design(
         self, found: IdentificationResult, sensor: SensorNoise = SILENT, control_peak: float = math.inf,
         control_rate: float = math.inf, control: float = math.nan, *, every: bool = False, record: Record | None = None,
-        slower: tuple[TuningResult, float] | None = None,
+        smaller: Sequence[Record] = (), slower: tuple[TuningResult, float] | None = None,
     ) -> Outcome:  # fmt: skip
         """Gains for what was learnt that beat the running ones on it, verified on all that the record leaves possible.
 
@@ -209,6 +215,8 @@ class GainUpdate:
             Whether one of each structure and rule is made, for a person to choose from.
         record : Record, optional
             What it was learnt from: where that contradicts the model, gains are held to it as well.
+        smaller : sequence of Record
+            Of smaller moves, which were not learnt from: what they show is no actuator's that is slow.
         slower : TuningResult and float, optional
             A design that is to be made so many times as fast, and nothing else.
         """
@@ -224,6 +232,9 @@ class GainUpdate:
             behind = found.behind_actuator(record)
             doubt, contradicted = held_to_record(behind, found.best, limits.ms_max, wanted.sample_time)
             tell(doubt) if doubt else None
+        in_small: list[Judge] = []
+        if found.best is not None and math.isfinite(found.flaws.rate):
+            in_small += [held_to_record(each, found.best, limits.ms_max, wanted.sample_time)[1] for each in smaller]
         movement = self._criteria.noise_share * self._controller.control_range
         now = self._controller
         running = RunningGains(
@@ -245,7 +256,7 @@ class GainUpdate:
             wanted, only = slower_design(first_request(found, wanted), *slower)
         improved = improve(
             found, wanted, limits, running, self._criteria.compare,
-            lambda tuning: self._refused(tuning) or contradicted(tuning.controller, tuning.filter),
+            lambda tuning: self._refused(tuning) or _first_objection((contradicted, *in_small), tuning),
             every=every, only=only, tell=tell,
         )  # fmt: skip
         paced = held_to(improved.pace, "is to move", "") if every and improved.pace != UNPACED else ""
@@ -290,7 +301,7 @@ class GainUpdate:
 
     def apply_and_monitor(
         self, outcome: Outcome, before: LoopPerformance, residual_transient: float, error_factor: float,
-        outside: Callable[[Tick], str] = lambda _: "",
+        outside: Callable[[Tick], str] = lambda _: "", proof: float = 0.0, then: str = "",
     ) -> Outcome:  # fmt: skip
         """Apply a design on trial and watch the loop; the gains from before come back if it gets worse.
 
@@ -308,6 +319,8 @@ class GainUpdate:
             By how much the mean square of the error may grow.
         outside : callable
             Says why a tick is not to be borne, or nothing.
+        proof, then
+            As of `Trial`.
         """
         design = outcome.tuned.tuning if outcome.tuned else None
         if design is None or design.controller is None or design.achieved is None:
@@ -317,7 +330,7 @@ class GainUpdate:
         changed = pace if pace != self._controller.pace else None
         deadband = outcome.deadband if outcome.deadband > self._controller.deadband else None
         whole = RunningDesign(design.controller, design.filter, chosen, changed, deadband)  # as it was verified
-        trial = Trial(whole, response_time(outcome), PROOF_RESPONSES * response_time(outcome))
+        trial = Trial(whole, response_time(outcome), proof, then)
         return self.try_out(trial, outcome, before, residual_transient, error_factor, outside)
 
     def try_out(
@@ -327,7 +340,7 @@ class GainUpdate:
         """As ``apply_and_monitor``, with these gains."""
         window = trial.watched(self._controller.sample_time)
         left = window + trial.proof
-        told = f"about {left:.3g} s more to watch{' and to prove' if trial.proof else ''} them"
+        told = f"about {left:.3g} s more to watch{' and to prove' if trial.proof else ''} them{trial.then}"
         self._wait.report(Stage("applying", 0.75, left, message=f"{trial.design.gains}; {told}"))
         self._trial = trial.design
         try:

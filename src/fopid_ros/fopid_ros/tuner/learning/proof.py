@@ -34,9 +34,11 @@ PROVED_SHARE, WORTH_A_MOVE = 0.5, 1.5
 PULSES, CAREFUL, SEEN, MOST_TICKS = 4, 0.5, 5.0, 20_000
 """So many pulses show how fast the actuator is, after one that is meant to go so far of that. Each is answered by so
 many standard deviations of the noise, summed over the answer; after it so many ticks are looked at, at most."""
-RESTLESS = 3.0
+WORKED_OUT_ANEW = 10.0
+"""About how long it takes to see how slow the actuator may be [s]; that depends on the computer."""
+RESTLESS, UNEASY, GROWING = 3.0, 1.5, 1.2
 """A loop whose measurement spreads at rest by so many times what it did before hunts: a good loop makes at most twice
-its noise of it (max |S|)."""
+its noise of it (max |S|). From so many on it is looked at for longer, while each window shows so many times more."""
 
 
 def _answer_to_a_pulse(process: Process, sample_time: float, ticks: int) -> tuple[float, float]:
@@ -67,10 +69,15 @@ class Proof(ClosedLoopExperiment):
         super().__init__(tap, wait, loop, wanted, before)
         self._rest = rest
 
-    @property
-    def announced(self) -> str:
-        """What is waited for."""
-        return "until the loop rests"
+    def usual_time(self, response_time: float) -> float:
+        """About how long it takes [s]: rest, two moves there and back, what is looked at after them, pulses."""
+        hold, window = self._held_and_watched(response_time)
+        return 2.0 * self.rest_window + 4.0 * hold + 3.0 * window + WORKED_OUT_ANEW
+
+    def _held_and_watched(self, response_time: float) -> tuple[float, float]:
+        """How long a move is held, and how long is looked whether the loop rests after it [s]."""
+        hold = max(PROBE_SHARE_UNTIL_KNOWN * self.duration, PROVED_RESPONSES * response_time)
+        return hold, max(PROVED_RESPONSES * response_time, self.rest_window)
 
     def prove(self, response_time: float) -> str:
         """Move the loop and look.
@@ -85,8 +92,7 @@ class Proof(ClosedLoopExperiment):
         str
             What speaks against the gains; empty where nothing does, or nothing could be seen.
         """
-        hold = max(PROBE_SHARE_UNTIL_KNOWN * self.duration, PROVED_RESPONSES * response_time)
-        window = max(PROVED_RESPONSES * response_time, self.rest_window)
+        hold, window = self._held_and_watched(response_time)
         against = self._moved_as_before(hold)
         while not against:
             against, larger = self._swings_on(window), self._larger()
@@ -173,6 +179,11 @@ class Proof(ClosedLoopExperiment):
         rest = self._rest
         usual = max(rest.spread, rest.least_move, self._quantisation())
         spread, _ = self._once_small(spread_about_drift, RESTLESS * usual, rest.figures.duration)
+        while UNEASY * usual < spread <= RESTLESS * usual:  # a swing that grows is small at first
+            later, _ = self._once_small(spread_about_drift, math.inf, rest.figures.duration)
+            if later <= GROWING * spread:
+                break
+            spread = later
         if spread <= RESTLESS * usual:
             return ""
         return f"the loop hunts: at rest the measurement spreads by {spread:.3g}, by {usual:.3g} before"
@@ -197,6 +208,6 @@ class Proof(ClosedLoopExperiment):
         self._tap.set_tick_hook(ticks.append)
         self._wait.until(
             lambda: bool(ticks) and ticks[-1].time - ticks[0].time >= window,
-            lambda: Stage("watching", 0.9, message="does it come to rest?"),
+            lambda: Stage("watching", 0.9, message=f"does it come to rest, once moved by {self._amplitude:.3g}?"),
         )
         return ticks
