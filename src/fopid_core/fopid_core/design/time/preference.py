@@ -63,6 +63,7 @@ def preferred(specification: TimeSpecification, best: TimeDesign, gain: float, s
     """
     if not best.met:
         return Preferred(best, "fopid")
+    words = ""
     for name, changed in _candidates(specification, best, gain):
         found = search(changed)
         worth = PRACTICAL_WORTH if name == OFF_EDGES else EQUAL
@@ -70,7 +71,12 @@ def preferred(specification: TimeSpecification, best: TimeDesign, gain: float, s
             dearer = 100.0 * max(found.cost / best.cost - 1.0, 0.0)
             words = f"{name} preferred: it costs {dearer:.2g} % more than the best fopid ({best.controller})"
             return Preferred(found, name if name in STRUCTURES else "fopid", words)
-    return Preferred(best, "fopid")
+        if name == OFF_EDGES:
+            costs = (
+                f"costs {100.0 * (found.cost / best.cost - 1.0):.2g} % more" if found and found.met else "was not found"
+            )
+            words = f"kp or an order is where few would trust it: {name} {costs}"
+    return Preferred(best, "fopid", words)
 
 
 def _candidates(
