@@ -79,6 +79,32 @@ def test_the_bands_hold_the_other_day_and_the_same_gains_give_the_day_itself() -
     assert np.abs(again.measurement.expected - record.measurement).max() < 1e-3
 
 
+def read_in_steps(gains: Fopid, step: float) -> Record:
+    """A day with a sensor that reads in steps, simulated in plain numbers: a lag and a delay of three ticks."""
+    lag, waiting, integral, rows = 0.0, [0.0] * 3, 0.0, []
+    for k in range(400):
+        setpoint = float(k // 50 % 2) * (1.0 + 0.1 * (k // 100))
+        seen = step * round(lag / step)
+        integral += gains.ki * H * (setpoint - seen)
+        control = gains.kp * (setpoint - seen) + integral
+        rows.append((H * k, control, seen, setpoint))
+        waiting.append(control + 0.02 * (k > 300))
+        lag += -np.expm1(-H) * (2.0 * waiting.pop(0) - lag)
+    return Record(*np.array(rows).T)
+
+
+@pytest.mark.parametrize("step", [0.05, 0.2])
+def test_a_sensor_that_reads_in_steps_reads_so_with_other_gains_too(step: float) -> None:
+    """Its bands were a twentieth of a step wide, and held a fifth of the instants."""
+    wanted = Fopid(0.5, 0.5)
+    found, other = replay(read_in_steps(RAN, step), ControllerSettings(wanted)), read_in_steps(wanted, step)
+    assert found.success, found.message
+    assert found.measurement is not None
+    band = found.measurement
+    inside = (other.measurement >= band.low - 1e-9) & (other.measurement <= band.high + 1e-9)
+    assert inside.mean() > 0.9
+
+
 @pytest.mark.slow
 def test_a_limit_that_the_record_never_met_is_in_the_bands_unless_limits_are_given() -> None:
     wanted, record = Fopid(1.0, 0.8), day(RAN)

@@ -16,6 +16,7 @@ import numpy as np
 
 from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identify import IdentificationResult
+from fopid_core.design.identification.noise import resolution
 from fopid_core.design.identification.record import REGULAR, Record
 from fopid_core.design.identification.refusal import refusal_of_feedback
 from fopid_core.design.recorded_tuning import tune_recorded
@@ -243,8 +244,9 @@ def _day(
         shares = np.random.default_rng(limits.seed).standard_normal((limits.samples, 1))
         grown[1:, : missed.size] += shares * missed
     flaws = _with_unseen_limits(learnt.possible.flaws, record, settings, limits.seed)
-    lived = _may_have_been(record, lost, len(grown), limits.seed)
-    measurement, control = simulated(record, grown, settings, flaws, lived)
+    step = resolution(record.measurement)
+    lived = _may_have_been(record, lost, len(grown), limits.seed, step)
+    measurement, control = simulated(record, grown, settings, flaws, lived, step)
     reach = float(np.ptp(record.control))
     if not np.abs(control - record.control).max() <= RUNAWAY * max(reach, 1e-300):
         return None
@@ -308,10 +310,11 @@ def missing(record: Record, instants: Floats) -> Booleans:
     return np.asarray(away > 0.501 * record.sample_time)
 
 
-def _may_have_been(even: Record, lost: Booleans, count: int, seed: int) -> tuple[Floats, Floats]:
+def _may_have_been(even: Record, lost: Booleans, count: int, seed: int, step: float = 0.0) -> tuple[Floats, Floats]:
     """Control and measurement, shapes (count, n), that a record with missing samples leaves possible; first as it is.
 
-    They are off the line between their neighbours by as much as a sample that is there is, each drawn.
+    They are off the line between their neighbours by as much as a sample that is there is, each drawn. What a sensor
+    reads in steps is anywhere within one, for as long as it reads the same.
     """
     ways = [np.tile(signal, (count, 1)) for signal in (even.control, even.measurement)]
     beside = lost.copy()
@@ -323,6 +326,10 @@ def _may_have_been(even: Record, lost: Booleans, count: int, seed: int) -> tuple
         taken = np.random.default_rng([seed, 3]).choice(there, (count - 1, int(lost.sum())))
         for way, signal in zip(ways, (even.control, even.measurement), strict=True):
             way[1:, lost] += signal[taken] - 0.5 * (signal[taken - 1] + signal[taken + 1])
+    if step:
+        stays = np.append(0, np.cumsum(np.diff(even.measurement) != 0.0))
+        within = np.random.default_rng([seed, 4]).uniform(-0.5, 0.5, (count - 1, int(stays[-1]) + 1))
+        ways[1][1:] += 0.999 * step * within[:, stays]
     return ways[0], ways[1]
 
 

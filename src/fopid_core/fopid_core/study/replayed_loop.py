@@ -31,19 +31,20 @@ def grown_steps(record: Record, processes: Sequence[Process]) -> Floats:
 
 def simulated(
     record: Record, grown: Floats, settings: ControllerSettings, flaws: Flaws | None = None,
-    lived: tuple[Floats, Floats] | None = None,
+    lived: tuple[Floats, Floats] | None = None, step: float = 0.0,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """Measurement and control of the loop on each of m processes, shapes (m, n): the controller as it runs.
 
     It begins at the recorded control, as a change of gains does. The processes are told by how much their step
     responses grow, shape (m, n); each has its own of the flaws, and of the control and the measurement that were
-    ``lived``, shapes (m, n), where the record's own are not all.
+    ``lived``, shapes (m, n), where the record's own are not all. A sensor that reads in steps reads so again.
     """
     assert record.setpoint is not None
     m, n = grown.shape
     grown = grown[:, ::-1]
     flaws = flaws or Flaws()
     controls, measured = lived or (record.control, record.measurement)
+    measured_first = float(record.measurement[0])
     felt = np.broadcast_to(flaws.felt(controls), (m, n))
     straight = replace(flaws, bend=np.reshape(flaws.bend, (-1, 1))).straight(measured)
     straight = np.broadcast_to(straight, (m, n))
@@ -54,6 +55,8 @@ def simulated(
         stem = flaws.stem(control[:, k - 1], stem)
         moved[:, k - 1] = stem - felt[:, k - 1]
         values = flaws.bent(straight[:, k] + np.einsum("ij,ij->i", moved[:, :k], grown[:, n - k :]))
+        if step:
+            values = measured_first + step * np.round((values - measured_first) / step)
         if not np.abs(values).max() < 1e90:
             control[:, k:] = np.inf
             break
