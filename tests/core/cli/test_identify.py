@@ -168,6 +168,7 @@ def on_the_clock(began: str, clock: str) -> list[str]:
         (["time,op,pv", *(f"2026-01-31T23:59:{t:04.1f}00Z,{u},{y}" for t, u, y in ROWS)], None),
         (["time,op,pv", *(f"2026-01-31 23:59:{t:04.1f}00,{u},{y}" for t, u, y in ROWS)], None),
         (["time,op,pv", *(f"{1.7e9 + t},{u},{y}" for t, u, y in ROWS)], None),
+        (["time,op,pv", *(f"{46_000.0 + t / 86_400.0:.12f},{u},{y}" for t, u, y in ROWS)], None),
         (["time,op,pv", *(f"{1.7e12 + 1000 * t:.0f},{u},{y}" for t, u, y in ROWS)], None),
         (["time;op;pv", *(f"{t};{u};{y}".replace(".", ",") for t, u, y in ROWS)], None),
         (["time,op,pv", *(f"{t},{u},{y}\n{t + 0.1},,{y}" for t, u, y in ROWS)], None),  # gaps
@@ -194,6 +195,7 @@ def on_the_clock(began: str, clock: str) -> list[str]:
         "ISO",
         "ISO, blank",
         "epoch",
+        "spreadsheet",
         "epoch ms",
         "comma",
         "gaps",

@@ -36,7 +36,8 @@ def simulate_verb(file: Path | None, replay: Path | None, out: Path | None, as_j
     with progress(experiment.name) as told:
         found = simulate_experiment(experiment, lambda what: told(0.0, what))
     measured = segments(found.as_run(out or Path(experiment.name)))
-    data: dict[str, Any] = {"name": experiment.name, "process": experiment.process, "samples": found.trace.time.size}
+    data: dict[str, Any] = {"name": experiment.name, "process": experiment.process, "samples": found.trace.time.size,
+                            "plant_accuracy": found.plant_accuracy}  # fmt: skip
     if recorded is not None:
         data["largest_difference"] = _difference(found, recorded)
     written = _write(found, out) if out else {}

@@ -36,6 +36,7 @@ PREAMBLE = 50
 _DAY = 86400.0
 _EPOCH = 1e8  # times from here on count from 1970, not from the start of a record
 _UNITS_OF_EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
+_SPREADSHEET, _FASTEST = (20_000.0, 80_000.0), 1e-3  # days since 1900; nearer together they are no seconds
 
 
 @dataclass(frozen=True)
@@ -59,9 +60,10 @@ def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
 
     In UTF-8, UTF-16 or Windows-1252. Separated by commas, semicolons or tabs; a decimal comma where commas do not
     separate; times in seconds, in the unit of their header, as ISO 8601, 31.01.2026 12:00:00, 01/31/2026 12:00:00 PM,
-    01/31/2026 12:00:00, 31/01/2026 12:00:00, 12:00:00, also over midnight, or counted from 1970 (then from the first
-    row on); lines of other text before the header, a row of units after it, or no header at all; rows with a gap are
-    left out. Where day and month between slashes could be either, they are read so that the record is the shorter.
+    01/31/2026 12:00:00, 31/01/2026 12:00:00, 12:00:00, also over midnight, counted from 1970 or in a spreadsheet's days
+    (then from the first row on); lines of other text before the header, a row of units after it, or no header at all;
+    rows with a gap are left out. Where day and month between slashes could be either, they are read so that the record
+    is the shorter.
 
     Parameters
     ----------
@@ -260,7 +262,7 @@ def _between_slashes(cells: Sequence[str]) -> Floats | None:
 def _seconds(time: Floats, header: str, *, numbers: bool) -> Floats:
     """Times in seconds, those far from 0 from the first on; ``numbers`` are in the unit of their header, if it has one.
 
-    Without one, such that count from 1970 tell their unit by their size.
+    Without one, such that count from 1970 tell their unit by their size, and the days of a spreadsheet by theirs.
     """
     if not time.size:
         return time
@@ -271,4 +273,7 @@ def _seconds(time: Floats, header: str, *, numbers: bool) -> Floats:
     if unit and unit not in SECONDS:
         raise InputError(f"time in {unit}; allowed: {', '.join(SECONDS)}, as in 'time [s]'")
     guessed = next((factor for least, factor in _UNITS_OF_EPOCHS if first >= least), 1.0)
+    in_days = not unit and time.size > 1 and _SPREADSHEET[0] <= first < _SPREADSHEET[1]
+    if in_days and 0.0 < float(np.nanmedian(np.diff(time))) < _FASTEST:
+        return np.asarray((time - first) * _DAY)
     return np.asarray((time - first * (abs(first) >= _EPOCH)) * SECONDS.get(unit, guessed))

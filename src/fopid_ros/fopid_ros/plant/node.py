@@ -56,6 +56,8 @@ STANDING_TIME = 5.0  # wall time [s] without a sample after which who waits for 
 
 RESEND_AFTER = 0.2  # wall time [s] without an answer in lockstep after which the measurement is sent again
 
+TOLD_FROM = 1e-4  # of a step's response: an error that is told
+
 CLOCK_PERIOD = 0.01  # wall time [s] between two /clock messages while lockstep runs; at every stop there is one
 
 
@@ -152,6 +154,10 @@ class PlantSimulator(ManagedNode):
             self.timer = self.create_timer(self._period_ns * 1e-9, self._tick, clock=clock)
         process = self.get_parameter("model").value or self.get_parameter("process").value
         self.get_logger().info(f"simulating {process} every {self._period_ns * 1e-9:g} s, {self.values()['trigger']}")
+        off = 0.0 if isinstance(self._plant, ModelPlant) else self._plant.accuracy
+        if off > TOLD_FROM:
+            told = f"its delay is Pade's: the response to a step is off by up to {100.0 * off:.2g} % of it"
+            self.get_logger().info(f"{told}; delay_model:=exact is exact")
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

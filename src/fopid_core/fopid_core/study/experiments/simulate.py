@@ -47,6 +47,8 @@ class Simulated:
     tunings : tuple of run.Tuning
     not_applied : tuple of str
         Why tunings changed nothing, a line each.
+    plant_accuracy : float
+        Largest error of the plant's response to a step, relative to its size.
     """
 
     experiment: Experiment
@@ -55,6 +57,7 @@ class Simulated:
     gains: Floats
     tunings: tuple[run.Tuning, ...]
     not_applied: tuple[str, ...]
+    plant_accuracy: float
 
     def as_run(self, path: Path) -> Run:
         """As if it had been recorded, for tables and reports."""
@@ -112,13 +115,14 @@ def simulate_experiment(experiment: Experiment, report: Report | None = None) ->
     actions = {
         first: partial(loop.begin, phase, first, tell) for first, phase in zip(starts, experiment.phases, strict=True)
     }
+    plant = plant_of(loop.plant)
     trace = simulate(
-        loop.controller, plant_of(loop.plant), samples, setpoint.tolist().__getitem__, disturbance.tolist().__getitem__,
-        actions,
-    )  # fmt: skip
-    return Simulated(
-        experiment, trace, disturbance, loop.gains_at(samples), tuple(loop.tunings), tuple(loop.not_applied)
+        loop.controller, plant, samples, setpoint.tolist().__getitem__, disturbance.tolist().__getitem__, actions
     )
+    return Simulated(
+        experiment, trace, disturbance, loop.gains_at(samples), tuple(loop.tunings), tuple(loop.not_applied),
+        plant.accuracy,
+    )  # fmt: skip
 
 
 class _Unattended(FopidController):
