@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from compare import autotuned
@@ -11,8 +12,8 @@ from foreign_plants.parts import Actuator, Plant, Sensor, State
 from judging import judge
 from virtual_loop import VirtualLoop
 
-from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
-from fopid_ros.tuner.learning.loop_baseline import MOST_UNREST, NOISES, LoopBaseline
+from fopid_ros.tuner.learning.closed_loop_experiment import TICKS_HEARD, ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.loop_baseline import MOST_UNREST, NOISES, LoopBaseline, quieter
 from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 HUM, PERIOD, NOISE = 0.5, 7.0, 0.1
@@ -132,6 +133,37 @@ def at_rest(plant: type[Plant], deviation_max: float = 0.0) -> LoopBaseline:
     made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), wanted)
     made.measure()
     return made.loop
+
+
+def test_a_short_rest_is_heard_together_with_what_came_before_it() -> None:
+    """Of 30 ticks a hum was taken for white noise of a third."""
+    quick = replace(exhibit(Heater), gains=(1.0, 0.1, 0.0))
+    loop = VirtualLoop(quick, 1)
+    loop.run(400.0)
+    made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())
+    assert made.rest_window == 30.0
+    began = loop.time
+    made.measure()
+    assert loop.time - began < 40.0, "those before count"
+    assert made.loop.samples >= TICKS_HEARD
+    assert made.loop.coloured is not None
+    assert made.loop.sensor.level == pytest.approx(math.hypot(NOISE, HUM / math.sqrt(2.0)), rel=0.2)
+
+
+def test_a_tuner_that_has_just_begun_to_listen_waits_for_a_hundred_ticks() -> None:
+    loop = VirtualLoop(replace(exhibit(Heater), gains=(1.0, 0.1, 0.0)), 1)
+    made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())
+    made.measure()
+    assert TICKS_HEARD <= loop.time < TICKS_HEARD + 2.0 * made.rest_window
+    assert made.loop.coloured is not None
+
+
+def test_of_two_rests_the_quieter_one_counts_unless_it_was_far_shorter() -> None:
+    baseline = at_rest(QuietHeater)
+    quiet, loud = replace(baseline, noise=0.1, samples=100), replace(baseline, noise=0.2, samples=150)
+    assert quieter(loud, quiet) is quiet
+    longer = replace(loud, samples=200)
+    assert quieter(quiet, longer) is longer
 
 
 def test_all_that_the_measurement_does_at_rest_counts_and_white_noise_as_before() -> None:

@@ -16,6 +16,7 @@ import fopid_ros.tuner.learning.proof
 from fopid_core.model.fopid import Fopid
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.proof import Proof
 from fopid_ros.tuner.learning.reach import Reach
 from fopid_ros.tuner.learning.running_controller import read_running_controller
@@ -75,6 +76,23 @@ def test_gains_that_hunt_are_seen_however_little_that_is_beside_the_move(monkeyp
     hunting = {"measurement_filter_order": 2, "measurement_filter_time": 0.0248}
     _, made = proof(DRIVE, Fopid(2.28, 16.2, 0.004, 1.0, 1.75), AS_LEARNT, 0.11, **hunting)
     assert "the loop hunts: at rest the measurement spreads by 0.1" in made.prove(0.11)
+
+
+@pytest.mark.parametrize(("spreads", "hunts"), [((1.6, 2.1, 2.7, 3.5), True), ((1.6, 1.7), False), ((1.4,), False)])
+def test_a_swing_that_is_small_yet_is_watched_as_long_as_it_grows(
+    spreads: tuple[float, ...], hunts: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A calm loop was left to swing for ever: it grew for 15 s, and had been looked at for three."""
+    _, made = proof(DRIVE, Fopid(0.3, 0.3, 0.0), AS_LEARNT, 0.7)
+    usual, seen = max(made._rest.spread, made._rest.least_move), iter(spreads)
+
+    def watched(_: float) -> list[Tick]:
+        size = next(seen) * usual
+        return [Tick(0.1 * k, made.loop.setpoint, size * (-1) ** (k // 2), 0.0) for k in range(40)]
+
+    monkeypatch.setattr(made, "_watched", watched)
+    assert made._hunts().startswith("the loop hunts") == hunts
+    assert not list(seen), "neither shorter nor longer"
 
 
 class CoarseTank(LevelTank):

@@ -86,6 +86,16 @@ def test_a_noisier_record_gives_a_slower_design() -> None:
     assert crossovers[1] < 0.7 * crossovers[0]
 
 
+@pytest.mark.parametrize(("rule", "handed_out"), [(None, False), ("simc-pi", True)])
+def test_a_rule_that_nobody_named_keeps_the_share_of_noise_as_well(rule: str | None, handed_out: bool) -> None:
+    """It moved a control by 9 % of its range where it said that 1 % is allowed."""
+    noisy = replace(step_record(PROCESS, 150.0, H, 0.05), control_min=0.0, control_max=2.0)
+    found = tune_recorded(noisy, "rule", {"rule": rule}, FEW, template="foptd")
+    assert "noise moves the control by" in found.message
+    assert found.success == handed_out
+    assert ("tune time chooses a filter as well" in found.message) != handed_out
+
+
 def test_what_is_asked_for_wins() -> None:
     asked = {"sample_time": 0.5, "crossover": 0.05, "u_max": 3.0}
     found = tune_recorded(WITHIN, "frequency", asked, FEW, template="foptd")

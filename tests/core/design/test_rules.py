@@ -168,3 +168,10 @@ def test_dominant_poles_are_refused_where_they_might_not_dominate(text: str) -> 
 def test_an_unknown_rule_is_refused_with_all_names() -> None:
     with pytest.raises(InputError, match=r"rule = 'best'; allowed: valerio-1, fmigo"):
         tune(TuningRequest(read_process("P1"), method="rule", rule="best"))
+
+
+def test_by_default_a_rule_is_taken_that_holds_the_process() -> None:
+    """One lag and a delay, of all processes, had no gains: a derivative of order 1.1 holds none."""
+    found = tune(TuningRequest(Process.parse("2/(10s+1)*exp(-3s)"), method="rule"))
+    assert found.success
+    assert found.message.startswith("rule simc-pi by default")

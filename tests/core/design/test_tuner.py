@@ -235,3 +235,22 @@ def test_a_success_keeps_every_bound_at_every_frequency(process: str, options: d
     inside = w < math.pi / request.sample_time
     noise = np.abs(result.controller(1j * w) / (1.0 + loop))[inside].max()
     assert noise <= (request.noise_max or math.inf) * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize("process", ["P4", "0.2/(4.5s+1)*exp(-0.79s)", *slow("P1", "P2", "P3")])
+def test_with_nothing_specified_no_part_of_the_controller_is_one_that_few_would_trust(process: str) -> None:
+    """P4 had kp of 0.002 beside ki of 13, and a derivative of order 0.33."""
+    found = tune(TuningRequest(read_process(process), method="frequency"))
+    assert found.success, found.message
+    gains, w = found.controller, found.achieved.crossover
+    assert 0.7 <= gains.lam <= 1.3
+    assert 0.5 <= gains.mu <= 1.5
+    assert abs(gains.kp) >= 0.1 * abs(complex(gains(1j * w)))
+
+
+def test_in_time_a_practical_controller_may_cost_a_tenth_and_where_it_costs_more_that_is_said() -> None:
+    found = tune(TuningRequest(Process.parse("1/s^2"), method="time"))
+    assert found.controller.kp > 0.1
+    assert "a fopid with kp and orders off their edges preferred" in found.message
+    dear = tune(TuningRequest(Process.parse("3/(s(0.247s+1))"), method="time"))
+    assert "few would trust it: a fopid with kp and orders off their edges costs" in dear.message

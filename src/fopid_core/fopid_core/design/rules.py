@@ -16,7 +16,12 @@ from fopid_core.design.defaults import PHASE_MARGIN, natural_crossover
 from fopid_core.design.reduction import reduce
 from fopid_core.design.specification import Expired, Progress, Proposal, TuningRequest, one_of
 from fopid_core.model.fopid import Fopid
+from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
+from fopid_core.model.stability import stability
+
+BY_DEFAULT = ("padula-visioli-setpoint-1.4", "simc-pi", "amigo-pi")
+"""The first that holds the process: a derivative of order 1 or more holds none of one lag and a delay."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +72,15 @@ class Rule:
 def propose_rule(request: TuningRequest, progress: Progress, expired: Expired) -> Proposal:
     """The controller that a rule gives for a request's process."""
     del expired  # a rule takes no time
-    name = request.rule or "padula-visioli-setpoint-1.4"
+    name = request.rule or BY_DEFAULT[0]
     one_of("rule", name, (*RULES, DOMINANT_POLES))
     if name == DOMINANT_POLES:
         return _place_poles(request)
-    rule = RULES[name]
     progress(0.2, "reducing to foptd")
     model = foptd_of(request.process)
+    if request.rule is None:
+        name = next((each for each in BY_DEFAULT if _holds(request.process, RULES[each].controller(model))), name)
+    rule = RULES[name]
     controller = rule.controller(model)
     read = f"read off K = {model.gain:.4g}, T = {model.lag:.4g} s, L = {model.delay:.4g} s"
     unmet = (
@@ -81,6 +88,10 @@ def propose_rule(request: TuningRequest, progress: Progress, expired: Expired) -
     )
     chosen = "" if request.rule else f"rule {name} by default; "
     return Proposal(controller, unmet, f"{chosen}{rule.source}, {read}", math.nan, 1)
+
+
+def _holds(process: Process, controller: Fopid | None) -> bool:
+    return controller is not None and stability(Loop(process, controller)).stable is True
 
 
 def foptd_of(process: Process) -> Foptd:

@@ -181,7 +181,24 @@ def test_gains_are_held_to_the_record_where_it_speaks_against_the_model(
     told = outcome.message.removeprefix("nothing was changed: ")
     assert outcome.success == success
     assert told.startswith("the model leaves what the record shows without one at")
-    assert ("by what the record shows without a model" in told) == (not success)
+    assert ("where the record shows nothing without a model" in told) == (not success)
+
+
+@pytest.mark.parametrize("slow", [True, False])
+def test_behind_a_slow_actuator_gains_are_held_to_what_small_moves_show(
+    learnt: IdentificationResult, slow: bool
+) -> None:
+    """A pump's lag was taken for a slow actuator's in large moves: max |S| of 11.6 where 1.88 was said."""
+    moves = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 60), 10)
+    further = lfilter([0.0, 0.01], [1.0, -0.99], moves)
+    measured = 10.0 * lfilter([0.0, 0.04], [1.0, -0.96], further)
+    noise = 0.002 * np.random.default_rng(1).standard_normal(600)
+    gain_update = handover_of(Running(lambda _: 1.0))
+    gain_update._criteria = replace(gain_update._criteria, limits=RobustLimits(samples=1))
+    found = learnt.with_limit(1e3) if slow else learnt
+    outcome = gain_update.design(found, smaller=[Record(0.02 * np.arange(600), moves, measured + noise)])
+    assert outcome.success == (not slow)
+    assert ("where the record shows nothing without a model" in outcome.message) == slow
 
 
 def test_with_verify_certify_the_gains_go_out_with_a_proof_of_the_learnt_loop(learnt: IdentificationResult) -> None:

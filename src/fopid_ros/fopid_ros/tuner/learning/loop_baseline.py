@@ -134,8 +134,11 @@ class LoopBaseline:
             As of ``measure``.
         """
         length, since = self.samples, before.size - self.samples
-        while since >= length and self._rests(before[since - length : since]):
-            since -= length
+        while since > 0:
+            begin = max(since - length, 0)
+            if not self._rests(before[begin : begin + length]):
+                break
+            since = begin
         self._take_noise(before[since:])
         if self.coloured is not None or self.spread > UNREST * self.noise:
             self.unrest = min(max(self.noise, self.spread), MOST_UNREST * self.noise)
