@@ -81,7 +81,7 @@ def test_a_limit_cycle_is_no_rest() -> None:
 def test_without_gains_it_says_how_to_come_by_the_first() -> None:
     loop = VirtualLoop(GALLERY["flexible_joint"], 1)
     loop.set(gains=Fopid(0.0))
-    with pytest.raises(InputError, match=r"show no time scale; without gains, record a step .* fopid design FILE"):
+    with pytest.raises(InputError, match=r"shows no time scale: record a step .* fopid design FILE"):
         ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())
 
 

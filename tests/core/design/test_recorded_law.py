@@ -11,8 +11,11 @@ from scipy.signal import lti
 from fopid_core.api.learning import identify as learn
 from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
-from fopid_core.design.recorded_law import contradicts_law, lateness, made_prompt
+from fopid_core.design.recorded_law import beside_what_ran, contradicts_law, lateness, made_prompt
 from fopid_core.design.recorded_tuning import tune_recorded
+from fopid_core.design.specification import TuningRequest
+from fopid_core.design.tuner import verify
+from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
 from tests.cases import slow
 
@@ -98,3 +101,19 @@ def test_a_control_that_was_told_late_counts_from_when_it_was_given(late: int) -
     assert f"{late * H:g} s late by the law that explains it" in found.message
     assert found.identified.best is not None
     assert found.identified.best.process.delay == pytest.approx(DELAY * H, abs=0.6 * H)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(1.0, 1.0), (0.5, 2.0), (2.0, 0.5)])
+def test_a_load_leaves_what_the_integral_says_beside_the_controller_that_ran(share: float, expected: float) -> None:
+    """A load's error that does not swing adds up to 1/ki."""
+    process = Process.parse("-4e-6/((12s+1)(3s+1))*exp(-2s)")
+    others = verify(TuningRequest(process, sample_time=H), Fopid(kp=max(share, 1.0) * KP, ki=share * KI))
+    assert beside_what_ran(day(0, 0.0), process, others) == pytest.approx(expected, rel=0.03)
+
+
+def test_where_no_law_explains_the_control_nothing_is_said_of_it() -> None:
+    process = Process.parse("-4e-6/((12s+1)(3s+1))*exp(-2s)")
+    record = day(0, 0.0)
+    by_hand = Record(record.time, np.round(record.control, -4), record.measurement, record.setpoint)
+    others = verify(TuningRequest(process, sample_time=H), Fopid(kp=KP, ki=KI))
+    assert np.isnan(beside_what_ran(by_hand, process, others))

@@ -10,11 +10,15 @@ import numpy as np
 from scipy.signal import lfilter, lfiltic
 
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
+from fopid_core.design.specification import TuningResult
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.process import Process
+from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.plant import PlantSettings
+from fopid_core.runtime.settings import as_designed
+from fopid_core.runtime.simulation import simulate
 
 LAGS = 4
 """The law looks so many samples back."""
@@ -28,6 +32,8 @@ answers a sample later by so many times as much; one that is off by so little is
 PART = 0.25
 """A part of a record in which a control moves at each sample shows its law where it is such a share of it."""
 _AWAY = 1e9
+FEW_SAMPLES = 5_000
+"""So many samples of a load's step are looked at, at most."""
 TIMES, MOST_SAMPLES, FAR = 5, 50_000, 30.0
 """It would not hold a process that it drives so many times as far as the record went, in so many times as long."""
 
@@ -180,17 +186,50 @@ def contradicts_law(record: Record, process: Process) -> str:
         return ""
     reached = float(np.ptp(np.append(record.measurement, record.setpoint)))
     samples = min(TIMES * record.time.size, MOST_SAMPLES)
+    asked = -float(law.measurement.sum()) * reached  # a step of the setpoint, which the record may hardly move
     try:
-        plant = plant_of(PlantSettings(process, sample_time=record.sample_time))
+        for measured in _held_by(law, process, record.sample_time, samples, asked=asked):
+            if not abs(measured) <= FAR * reached:
+                return "the controller that ran, as the record shows it, held its loop, and would not hold this process"
     except InputError:  # its response is not known
         return ""
+    return ""
+
+
+def _held_by(
+    law: RecordedLaw, process: Process, sample_time: float, samples: int, *, asked: float = 0.0, load: float = 0.0
+) -> Iterator[float]:
+    """The measurement of a process from rest, sample by sample, with a law whose control is asked for some more."""
+    plant = plant_of(PlantSettings(process, sample_time=sample_time))
     own, answered = np.zeros(LAGS), np.zeros(LAGS + 1)
-    asked = -float(law.measurement.sum()) * reached  # a step of the setpoint, which the record may hardly move
     for _ in range(samples):
         answered = np.append(plant.measurement, answered[:-1])
         control = float(law.own @ own + law.measurement @ answered) + asked
         own = np.append(control, own[:-1])
-        plant.step(control)
-        if not abs(plant.measurement) <= FAR * reached:
-            return "the controller that ran, as the record shows it, held its loop, and would not hold this process"
-    return ""
+        yield plant.step(control, load)
+
+
+def beside_what_ran(record: Record, process: Process, tuning: TuningResult) -> float:
+    """The error that a design leaves after a load's step, over that of the controller that ran; NaN if nobody knows it.
+
+    On a process, over as long as the record; the law that the record shows stands for what ran.
+
+    Parameters
+    ----------
+    record : Record
+    process : Process
+        Learnt from it.
+    tuning : TuningResult
+        With gains.
+    """
+    law, h, samples = recorded_law(record, in_part=True), record.sample_time, min(record.time.size, FEW_SAMPLES)
+    if law is None or tuning.controller is None:
+        return math.nan
+    settings = as_designed(tuning.controller, h, tuning.filter, tuning.weights)
+    try:
+        ran = sum(min(abs(measured), _AWAY) for measured in _held_by(law, process, h, samples, load=1.0))
+        plant = plant_of(PlantSettings(process, sample_time=h))
+        new = simulate(FopidController(settings), plant, samples, lambda _: 0.0, lambda _: 1.0)
+    except InputError:  # its response is not known
+        return math.nan
+    return float(np.abs(new.measurement).sum() / ran) if 0.0 < ran < _AWAY else math.nan

@@ -17,7 +17,7 @@ from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.noise_spectrum import NoiseSpectrum
 from fopid_core.design.identification.record import Record
 from fopid_core.design.loop_worth import noise_gain
-from fopid_core.design.recorded_law import contradicts_law, made_prompt
+from fopid_core.design.recorded_law import beside_what_ran, contradicts_law, made_prompt
 from fopid_core.design.recorded_reach import RecordedReach, recorded_reach
 from fopid_core.design.response_verification import held_to_record, no_objection, runs_away_instead
 from fopid_core.design.robust_verification import UNSEEN, RobustLimits, RobustTuning, as_held, tune_robustly
@@ -279,7 +279,7 @@ def tune_recorded(
         told = f"{told}; a process that runs away is a case for tune time"
     if success:
         tuned, calmed = _calmed(request, tuned)
-        told = f"{told}{calmed}"
+        told = f"{told}{calmed}{_beside_what_ran(record, best.process, tuned) if judges else ''}"
     if success and tuned.tuning is not None and (moved := control_noise(best.process, tuned.tuning, bounds)):
         told = f"{told}; noise moves the control by {moved:.3g}"
         if moved > bounds.control_from_noise and _is_free(request, given):
@@ -288,6 +288,14 @@ def tune_recorded(
             success, told = False, f"{told}, {allowed}{filters}"
     message = f"{identified.message}; from the record: {bounds.told}; {told}"
     return RecordedTuning(success, message, identified, noise, bounds, request, tuned, taken)
+
+
+def _beside_what_ran(record: Record, process: Process, tuned: RobustTuning) -> str:
+    """What is said of a design beside the controller that ran, where the record shows that."""
+    beside = beside_what_ran(record, process, tuned.tuning) if tuned.tuning else math.nan
+    if not math.isfinite(beside):
+        return ""
+    return f"; after a load it leaves {beside:.3g} times the error of the controller that ran, as the record shows it"
 
 
 def _learnt(record: Record, method: str, template: str, clock: Clock, noise: float) -> IdentificationResult:

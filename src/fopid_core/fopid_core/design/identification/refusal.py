@@ -26,6 +26,8 @@ MOST_UNSURE = 0.3
 """Largest standard deviation of an unstable pole, as a share of it."""
 FAR_TOO_SHORT = 60.0
 """A record that would have to be so many times longer shows no crossover."""
+MUCH_LONGER = 2.0
+"""A record that is too short is to be so many times as long at least."""
 _STILL = 0.05
 _FAR, _FEW = 20.0, 0.01
 """So many times as far from the median as all but that share of the samples."""
@@ -99,12 +101,13 @@ def _why_not(record: Record, best: IdentifiedModel, noise: float) -> str:
             )
     runs_away = f"; if it runs away, {_STABILISE}" if grows(record) else ""
     needed = SHORTEST / best.crossover
+    longer = max(needed, MUCH_LONGER * record.span)  # of a record that is too short little is known
     if needed > FAR_TOO_SHORT * record.span:
         return f"the record shows no end of what the process does: {_LARGER}{runs_away}"
     if needed > record.span:
         return (
             f"too short: {record.span:.3g} s of a process that a controller would move at {best.crossover:.3g} rad/s; "
-            f"record at least {needed:.3g} s{runs_away}"
+            f"record at least {longer:.3g} s{runs_away}"
         )
     if not best.deviation <= MOST_DEVIATION:
         return (

@@ -154,8 +154,8 @@ class ClosedLoopExperiment:
         duration = self._wanted.duration or INTEGRAL_TIMES * integral_time(gains)
         duration = duration if math.isfinite(duration) else self._before.duration
         if not (duration or gains.kp or gains.ki or gains.kd):
-            first = "without gains, record a step of the control in manual mode: fopid design FILE gives the first ones"
-            raise InputError(f"duration = 0; allowed: above 0 s, since the present gains show no time scale; {first}")
+            first = "record a step of the control in manual mode: fopid design FILE gives the first ones"
+            raise InputError(f"kp, ki and kd are 0, which shows no time scale: {first}; or give a duration above 0 s")
         return max(duration, 10 * TICKS_MIN * self.loop.controller.sample_time)
 
     @property
