@@ -23,7 +23,7 @@ def test_a_time_constant_is_that_of_the_loop_without_noise(monkeypatch: pytest.M
 
 def test_a_length_is_that_of_the_loop_and_one_that_ended_early_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
     took, said = durations.duration("van_de_vusse", 1)
-    assert 10.0 < took < said < 60.0
+    assert 10.0 < took < 1.5 * said < 60.0
     monkeypatch.setattr(durations.ClosedLoopExperiment, "excite", lambda *_: "refused")
     early, told = durations.duration("van_de_vusse", 1)
     assert np.isnan(early)
