@@ -20,7 +20,10 @@ SYNONYMS = {
     "t": "time", "timestamp": "time", "op": "control", "mv": "control", "pv": "measurement", "sp": "setpoint",
 }  # fmt: skip
 """What else a header may call them, as control systems do."""
-SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+SECONDS = {
+    "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "minutes": 60.0, "h": 3600.0,
+    "hours": 3600.0, "d": 86400.0, "days": 86400.0,
+}  # fmt: skip
 """Units of time in a header."""
 MISSING = (
     "", "nan", "null", "none", "n/a", "na", "#n/a", "-", "--", "bad", "bad input", "no data", "i/o timeout"
@@ -28,8 +31,10 @@ MISSING = (
 """What stands in a cell without a value, as spreadsheets and historians write."""
 CLOCKS = ("%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%H:%M:%S", "%H:%M:%S.%f")
 """Times that can be read in one way only, beside ISO 8601."""
-MONTH_FIRST = ("%m/%d/%Y %H:%M:%S", "%m/%d/%Y %H:%M:%S.%f", "%m/%d/%Y %I:%M:%S %p")
-DAY_FIRST = ("%d/%m/%Y %H:%M:%S", "%d/%m/%Y %H:%M:%S.%f", "%d/%m/%Y %I:%M:%S %p")
+MONTH_FIRST = ("%m/%d/%Y %H:%M:%S", "%m/%d/%Y %H:%M:%S.%f", "%m/%d/%Y %I:%M:%S %p",
+               "%m/%d/%Y %I:%M:%S.%f %p")  # fmt: skip
+DAY_FIRST = ("%d/%m/%Y %H:%M:%S", "%d/%m/%Y %H:%M:%S.%f", "%d/%m/%Y %I:%M:%S %p",
+             "%d/%m/%Y %I:%M:%S.%f %p")  # fmt: skip
 """Dates between slashes, which a whole column tells apart."""
 PREAMBLE = 50
 """So many lines may stand before the header."""
@@ -241,7 +246,9 @@ def _column(rows: list[list[str]], name: str, place: int, comma: bool) -> Floats
         moment = _moment(cell) if name == "time" and not math.isfinite(value) else None
         if moment is None and not math.isfinite(value):
             allowed = "seconds, or a time as 2026-01-31T12:00:00" if name == "time" else "a number"
-            raise InputError(f"{name} = {cell!r} in data row {number + 1}; allowed: {allowed}; leave out rows without")
+            within = ", with a point for decimals where commas separate" if "," in cell and not comma else ""
+            rest = f"allowed: {allowed}{within}; leave out rows without"
+            raise InputError(f"{name} = {cell!r} in data row {number + 1}; {rest}")
         values[number] = value if moment is None else moment
     return values
 
