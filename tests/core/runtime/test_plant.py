@@ -103,3 +103,17 @@ def test_an_input_that_is_not_finite_is_refused_and_changes_nothing() -> None:
     with pytest.raises(InputError, match="control = nan"):
         plant.step(float("nan"))
     assert plant.measurement == before
+
+
+@pytest.mark.parametrize(("order", "lag", "delay"), [(3, 0.5, 5.0), (5, 2.0, 3.0), (1, 4.0, 1.0)])
+def test_it_says_by_how_much_pades_delay_is_off(order: int, lag: float, delay: float) -> None:
+    """By python-control's approximation and the exponential written out."""
+    instants = 0.01 * np.arange(round(4.0 * delay / 0.01) + 1)
+    approximate = control.forced_response(
+        control.tf(*control.pade(delay, order)) * control.tf([1.0], [lag, 1.0]), instants, np.ones_like(instants)
+    ).outputs
+    exact = -np.expm1(-np.maximum(instants - delay, 0.0) / lag)
+    off = np.abs(approximate - exact).max() / exact.max()
+    process = read_process(f"1/({lag}s+1)*exp(-{delay}s)")
+    assert Plant(PlantSettings(process, 0.01, pade_order=order)).accuracy == pytest.approx(off, rel=0.02)
+    assert Plant(PlantSettings(process, 0.01, delay_model="exact")).accuracy == 0.0
