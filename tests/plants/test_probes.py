@@ -73,7 +73,7 @@ class WaterTurbine(Plant):
 # The integral time of the first is SIMC's, a third of its delay; that of the second is a twentieth of its loop's time.
 LINE = Exhibit(CoatingLine, 1.0, (-0.69, -0.057, 0.0), 5.0, 20.0, 600.0, (70.0, 130.0))
 TURBINE = Exhibit(WaterTurbine, 0.05, (0.05, 0.1, 0.0), 5.0, 5.0, 40.0, (20.0, 90.0))
-SEEDS = range(1, 7)
+SEEDS = range(1, 10)
 
 
 def experiment(exhibit: Exhibit, seed: int, before: Reach = NOT_MOVED) -> ClosedLoopExperiment:

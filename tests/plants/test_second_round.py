@@ -127,7 +127,7 @@ def test_whether_it_is_begun_depends_on_how_long_it_takes_with_the_new_gains(
     integral: float, rounds: int, designed: Callable[[Design], list[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """For lack of a time that only the loop before would have taken, a plant was left with its first gains."""
-    monkeypatch.setattr(closed_loop_experiment, "LONGEST", 2.0)
+    monkeypatch.setattr(closed_loop_experiment, "LONGEST", 1.7)
     kp, ki, _ = GALLERY[NAME].gains
     first = found(1.2)
     assert first.tuned is not None

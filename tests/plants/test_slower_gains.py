@@ -67,7 +67,7 @@ def tuned(monkeypatch: pytest.MonkeyPatch, *times: float) -> tuple[VirtualLoop, 
     monkeypatch.setattr(Sufficiency, "look", lambda *_: True)
     monkeypatch.setattr(Autotuner, "_learn", learn)
     monkeypatch.setattr(Autotuner, "_in_large_moves", lambda *_: (None, ""))  # a lag with a delay is no drum
-    loop = VirtualLoop(GALLERY[NAME], 1)
+    loop = VirtualLoop(GALLERY[NAME], 2)
     loop.run(100.0)
     asked = AutotuneRequest(ExperimentSettings(), "all", CRITERIA, False, second_round=False)
     return loop, Autotuner(loop, loop, asked, loop).run()  # type: ignore[arg-type]
