@@ -228,6 +228,7 @@ def left_behind_a_sticking_valve(gains: Fopid, load: float, sticks: float, ticks
     return total
 
 
+@pytest.mark.slow
 def test_behind_a_valve_that_sticks_loads_are_judged_with_it() -> None:
     """A lively PI hunts behind one before an integrator, which no linear process shows."""
     process, flaws, sticks = Process.parse("0.2/(s(0.5s+1))"), Flaws(dead_band=0.8), 0.8

@@ -17,7 +17,6 @@ from fopid_core.design.specification import TuningRequest
 from fopid_core.design.tuner import verify
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
-from tests.cases import slow
 
 H, DELAY, KP, KI = 0.5, 4, -1e5, -1e4
 
@@ -39,7 +38,8 @@ def day(seed: int, load: float, samples: int = 500, limits: float = np.inf) -> R
     return Record(H * np.arange(samples), 5e5 + control, 0.003 + measured, 0.003 + setpoint)
 
 
-@pytest.mark.parametrize("seed", [0, *slow(1)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
 def test_gains_of_the_wrong_sign_are_not_handed_out(seed: int) -> None:
     """A load as large as a step of the setpoint made a model of the other sign, whose gains drove the plant away."""
     found = tune_recorded(day(seed, 25_000.0), "time", {"structure": "pid"})
@@ -85,7 +85,8 @@ def test_how_late_a_control_was_told_is_known_to_the_sample_or_not_at_all(late: 
     assert known == late * H or (known == 0.0 and np.isfinite(limits))
 
 
-@pytest.mark.parametrize("late", [*slow(1, 3), 24])
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [1, 3, 24])
 def test_a_control_that_was_told_late_counts_from_when_it_was_given(late: int) -> None:
     """With 12 s of lateness for 10 s of delay gains came that swung for ever."""
     record = day(0, 0.0)

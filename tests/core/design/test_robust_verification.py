@@ -66,6 +66,7 @@ def test_a_crossover_that_is_too_much_for_the_limits_is_lowered(learnt: Identifi
     assert found.tuning.achieved.crossover < 1.0
 
 
+@pytest.mark.slow
 def test_a_design_that_is_refused_gives_way_to_a_more_cautious_one(learnt: IdentificationResult) -> None:
     eager = TuningRequest(read_process("P1"), phase_margin=math.radians(60.0), crossover=1.0)
 

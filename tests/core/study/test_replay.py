@@ -185,7 +185,8 @@ def _signals(record) -> tuple:
     return record.time, record.setpoint, record.measurement, record.control
 
 
-@pytest.mark.parametrize("seed", [pytest.param(8, marks=pytest.mark.slow), 24])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [8, 24])
 def test_samples_that_are_lost_widen_the_bands_and_leave_the_ticks_where_they_are(seed: int) -> None:
     plant = Foreign(seed)
     whole = plant.run(plant.running, SAMPLES)

@@ -245,6 +245,7 @@ def test_reduce_names_the_template_it_prefers(shared_graph: Graph) -> None:
     assert answer.preferred == min(errors, key=errors.get) == "nioptd2"
 
 
+@pytest.mark.slow
 def test_while_busy_others_are_answered_and_a_second_tuning_is_refused(graph: Graph) -> None:
     start_tuner(graph)
     client = graph.client(Tune, "fopid_tuner/tune")
@@ -270,6 +271,7 @@ def test_while_busy_others_are_answered_and_a_second_tuning_is_refused(graph: Gr
         assert answer.achieved.unstable_poles == -1
 
 
+@pytest.mark.slow
 def test_no_controller_is_said(graph: Graph) -> None:
     start_tuner(graph)
     answer = graph.call(Tune, "fopid_tuner/tune", Tune.Request(phase_margin=1.2, crossover=0.4, apply=True))
