@@ -133,13 +133,14 @@ class LoopBaseline:
         deviation_max, travel : float
             As of ``measure``.
         """
-        length, since = self.samples, before.size - self.samples
+        length, since = self.samples, max(before.size - self.samples, 0)
         while since > 0:
             begin = max(since - length, 0)
             if not self._rests(before[begin : begin + length]):
                 break
             since = begin
-        self._take_noise(before[since:])
+        if before.size >= length:  # else the setpoint was moved meanwhile
+            self._take_noise(before[since:])
         if self.coloured is not None or self.spread > UNREST * self.noise:
             self.unrest = min(max(self.noise, self.spread), MOST_UNREST * self.noise)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
