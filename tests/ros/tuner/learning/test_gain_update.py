@@ -32,6 +32,7 @@ from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.loop_wait import CancelledError, Stage
 from fopid_ros.tuner.learning.running_controller import RunningController
 from fopid_ros.tuner.parameters import SPECS as TUNER
+from tests.cases import slow
 
 OLD = RunningDesign(Fopid(0.5, 1.0, 0.0, 1.0, 1.0), MeasurementFilter(2, 0.003), SetpointWeights(0.5, 0.0))
 ANOTHERS = RunningDesign(Fopid(0.7, 0.1))
@@ -95,12 +96,15 @@ class Running:
         return (SAMPLE_TIME * k for k in count())
 
 
+def stepped(noise: np.ndarray) -> Record:
+    """A lag of 0.5 s after a step at 1 s."""
+    time = 0.02 * np.arange(600)
+    return Record(time, np.where(time >= 1.0, 1.0, 0.0), -np.expm1(-np.maximum(time - 1.0, 0.0) / 0.5) + noise)
+
+
 @pytest.fixture(scope="module")
 def learnt() -> IdentificationResult:
-    time = [0.02 * k for k in range(600)]
-    control = [1.0 if t >= 1.0 else 0.0 for t in time]
-    measured = [1.0 - math.exp(-max(t - 1.0, 0.0) / 0.5) for t in time]
-    return identify(Record(time, control, measured), "foptd")  # type: ignore[arg-type]
+    return identify(stepped(np.zeros(600)), "foptd")
 
 
 def handover_of(
@@ -124,10 +128,6 @@ def designed(learnt: IdentificationResult) -> Outcome:
     outcome = handover_of(Running(lambda _: 1.0)).design(learnt)
     assert outcome.success, outcome.message
     return outcome
-
-
-def handed_over(running: Running, designed: Outcome) -> tuple[GainUpdate, Outcome]:
-    return handover_of(running), designed
 
 
 def quiet() -> Any:
@@ -163,16 +163,19 @@ def test_noise_may_move_the_control_by_a_share_of_its_range(
     assert seen[0].gains == OLD.gains
 
 
-@pytest.mark.parametrize(
-    ("gain", "lag", "success"), [(10.0, 2.0, False), pytest.param(0.3, 0.0, True, marks=pytest.mark.slow)]
-)
-def test_gains_are_held_to_the_record_where_it_speaks_against_the_model(
-    learnt: IdentificationResult, gain: float, lag: float, success: bool
-) -> None:
+def answered(gain: float, lag: float) -> Record:
+    """Of moves through the process that was learnt, times a gain and behind a further lag [s]."""
     moves = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 60), 10)
     further = lfilter([0.0, 0.02 / lag], [1.0, 0.02 / lag - 1.0], moves) if lag else moves
     measured = gain * lfilter([0.0, 0.04], [1.0, -0.96], further)
-    record = Record(0.02 * np.arange(600), moves, measured + 0.002 * np.random.default_rng(1).standard_normal(600))
+    return Record(0.02 * np.arange(600), moves, measured + 0.002 * np.random.default_rng(1).standard_normal(600))
+
+
+@pytest.mark.parametrize(("gain", "lag", "success"), [(10.0, 2.0, False), *slow((0.3, 0.0, True))])
+def test_gains_are_held_to_the_record_where_it_speaks_against_the_model(
+    learnt: IdentificationResult, gain: float, lag: float, success: bool
+) -> None:
+    record = answered(gain, lag)
     running = Running(lambda _: 1.0)
     gain_update = handover_of(running)
     gain_update._criteria = replace(gain_update._criteria, limits=RobustLimits(samples=1))
@@ -184,21 +187,14 @@ def test_gains_are_held_to_the_record_where_it_speaks_against_the_model(
     assert ("where the record shows nothing without a model" in told) == (not success)
 
 
-@pytest.mark.parametrize("slow", [True, False])
-def test_behind_a_slow_actuator_gains_are_held_to_what_small_moves_show(
-    learnt: IdentificationResult, slow: bool
-) -> None:
+@pytest.mark.parametrize("limited", [True, False])
+def test_behind_a_slow_actuator_gains_are_held_to_small_moves(learnt: IdentificationResult, limited: bool) -> None:
     """A pump's lag was taken for a slow actuator's in large moves: max |S| of 11.6 where 1.88 was said."""
-    moves = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 60), 10)
-    further = lfilter([0.0, 0.01], [1.0, -0.99], moves)
-    measured = 10.0 * lfilter([0.0, 0.04], [1.0, -0.96], further)
-    noise = 0.002 * np.random.default_rng(1).standard_normal(600)
     gain_update = handover_of(Running(lambda _: 1.0))
     gain_update._criteria = replace(gain_update._criteria, limits=RobustLimits(samples=1))
-    found = learnt.with_limit(1e3) if slow else learnt
-    outcome = gain_update.design(found, smaller=[Record(0.02 * np.arange(600), moves, measured + noise)])
-    assert outcome.success == (not slow)
-    assert ("where the record shows nothing without a model" in outcome.message) == slow
+    outcome = gain_update.design(learnt.with_limit(1e3) if limited else learnt, smaller=[answered(10.0, 2.0)])
+    assert outcome.success == (not limited)
+    assert ("where the record shows nothing without a model" in outcome.message) == limited
 
 
 def test_with_verify_certify_the_gains_go_out_with_a_proof_of_the_learnt_loop(learnt: IdentificationResult) -> None:
@@ -218,11 +214,7 @@ def test_with_verify_region_the_proof_is_about_all_that_the_record_leaves_possib
     monkeypatch: pytest.MonkeyPatch, region: str
 ) -> None:
     monkeypatch.setattr(gain_update_module, "PROOF_SECONDS", 2.0)
-    time = [0.02 * k for k in range(600)]
-    control = [1.0 if t >= 1.0 else 0.0 for t in time]
-    noise = np.random.default_rng(0).normal(0.0, 0.01, 600)
-    measured = [1.0 - math.exp(-max(t - 1.0, 0.0) / 0.5) + e for t, e in zip(time, noise, strict=True)]
-    noisy = identify(Record(time, control, measured), "foptd")  # type: ignore[arg-type]
+    noisy = identify(stepped(np.random.default_rng(0).normal(0.0, 0.01, 600)), "foptd")
     gain_update = handover_of(Running(lambda _: 1.0))
     gain_update._criteria = replace(gain_update._criteria, region=region)
     outcome = gain_update.design(noisy)
@@ -276,7 +268,7 @@ def test_without_it_none_is_made(learnt: IdentificationResult) -> None:
 
 def test_gains_under_which_the_loop_stays_as_good_are_kept(designed: Outcome) -> None:
     running = Running(lambda t: 1.0 + 0.005 * math.sin(7.0 * t))
-    gain_update, outcome = handed_over(running, designed)
+    gain_update, outcome = handover_of(running), designed
     tried = gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     assert tried.success
     assert tried.applied
@@ -296,7 +288,7 @@ def test_gains_under_which_the_loop_stays_as_good_are_kept(designed: Outcome) ->
 )
 def test_the_old_gains_are_back_when_the_loop_got_worse(designed: Outcome, measurement: Loop) -> None:
     running = Running(measurement)
-    gain_update, outcome = handed_over(running, designed)
+    gain_update, outcome = handover_of(running), designed
     tried = gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     assert not tried.success
     assert not tried.applied
@@ -309,7 +301,7 @@ def test_the_old_gains_are_back_when_the_loop_got_worse(designed: Outcome, measu
 
 def test_what_is_not_to_be_borne_ends_the_trial_at_once(designed: Outcome) -> None:
     running = Running(lambda t: 1.0 + (0.011 if t > 0.2 else 0.0))
-    gain_update, outcome = handed_over(running, designed)
+    gain_update, outcome = handover_of(running), designed
     tried = gain_update.apply_and_monitor(
         outcome, quiet(), 0.01, 2.0, outside=lambda tick: "left its band" if tick.measurement > 1.01 else ""
     )
@@ -321,7 +313,7 @@ def test_what_is_not_to_be_borne_ends_the_trial_at_once(designed: Outcome) -> No
 def test_gains_that_a_person_sets_while_the_trial_swings_have_the_last_word(designed: Outcome) -> None:
     """The loop was said to have the gains from before, and others were tried over those of the person."""
     running = Running(lambda _: 1.0)
-    gain_update, outcome = handed_over(running, designed)
+    gain_update, outcome = handover_of(running), designed
 
     def stepping_in(_: Tick) -> str:
         running.applied.append(ANOTHERS)
@@ -335,7 +327,7 @@ def test_gains_that_a_person_sets_while_the_trial_swings_have_the_last_word(desi
 
 def test_a_trial_that_is_cancelled_can_be_taken_back(designed: Outcome) -> None:
     running = Running(lambda _: 1.0, cancelled_at=0.1)
-    gain_update, outcome = handed_over(running, designed)
+    gain_update, outcome = handover_of(running), designed
     with pytest.raises(CancelledError):
         gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     assert not running.watched
@@ -346,7 +338,7 @@ def test_a_trial_that_is_cancelled_can_be_taken_back(designed: Outcome) -> None:
 
 def test_a_trial_that_is_cancelled_is_taken_back_once(designed: Outcome) -> None:
     running = Running(lambda _: 1.0, cancelled_at=0.1)
-    gain_update, outcome = handed_over(running, designed)
+    gain_update, outcome = handover_of(running), designed
     with pytest.raises(CancelledError):
         gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
     assert gain_update.roll_back()
@@ -356,7 +348,7 @@ def test_a_trial_that_is_cancelled_is_taken_back_once(designed: Outcome) -> None
 
 def test_gains_that_may_have_been_taken_can_be_taken_back(designed: Outcome) -> None:
     running = Running(lambda _: 1.0)
-    gain_update, outcome = handed_over(running, designed)
+    gain_update, outcome = handover_of(running), designed
 
     def unconfirmed(gains: Fopid, status: str = "", *_: str) -> Fopid:
         raise UnconfirmedError("no answer", OLD)
@@ -373,7 +365,7 @@ def test_gains_that_may_have_been_taken_can_be_taken_back(designed: Outcome) -> 
 
 def test_gains_that_cannot_be_put_back_are_named_and_may_be_later(designed: Outcome) -> None:
     running = Running(lambda _: 1.0, cancelled_at=0.1)
-    gain_update, outcome = handed_over(running, designed)
+    gain_update, outcome = handover_of(running), designed
     with pytest.raises(CancelledError):
         gain_update.apply_and_monitor(outcome, quiet(), 0.01, 2.0)
 
@@ -396,16 +388,16 @@ def test_without_a_trial_there_is_nothing_to_take_back() -> None:
 
 def test_how_far_the_watch_is_told(designed: Outcome) -> None:
     running = Running(lambda t: 1.0 + 0.005 * math.sin(7.0 * t))
-    gain_update, outcome = handed_over(running, designed)
+    gain_update, outcome = handover_of(running), designed
     gain_update.try_out(Trial(ANOTHERS, response_time=0.5), outcome, quiet(), 0.01, 2.0)
     watched = [stage for stage in running.stages if stage.phase == "watching"]
     assert watched[len(watched) // 2].progress == pytest.approx(0.875, abs=0.001)
 
 
 def test_the_setpoint_weights_go_out_where_there_is_a_filter_or_they_are_others(designed: Outcome) -> None:
-    whole, half, slow = SetpointWeights(), SetpointWeights(0.5, 0.0), MeasurementFilter(2, 0.003)
+    whole, half, lag = SetpointWeights(), SetpointWeights(0.5, 0.0), MeasurementFilter(2, 0.003)
     idle = MeasurementFilter()
-    for given, weights, sent in ((idle, whole, None), (idle, half, half), (slow, whole, whole), (slow, half, half)):
+    for given, weights, sent in ((idle, whole, None), (idle, half, half), (lag, whole, whole), (lag, half, half)):
         running = Running(lambda _: 1.0)
         tuning = replace(designed.tuned.tuning, filter=given, weights=weights)
         wanted = replace(designed, tuned=replace(designed.tuned, tuning=tuning))
@@ -416,7 +408,7 @@ def test_the_setpoint_weights_go_out_where_there_is_a_filter_or_they_are_others(
 @pytest.mark.parametrize("lacking", ["tuned", "tuning", "controller", "achieved"])
 def test_a_tuning_without_gains_is_not_applied(designed: Outcome, lacking: str) -> None:
     running = Running(lambda _: 1.0)
-    gain_update, outcome = handed_over(running, designed)
+    gain_update, outcome = handover_of(running), designed
     tuning = None if lacking == "tuning" else replace(outcome.tuned.tuning, **{lacking: None} if "c" in lacking else {})
     tuned = None if lacking == "tuned" else replace(outcome.tuned, tuning=tuning)
     with pytest.raises(InputError, match="a tuning without gains; allowed: one that succeeded"):

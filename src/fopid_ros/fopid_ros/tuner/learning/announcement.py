@@ -12,7 +12,7 @@ TOTAL, UNTIL_KNOWN, UNTIL_PROVED = 2.0, 0.7, 1.9
 """How long it usually takes, in lengths of an experiment: rest and one that is made whole; rest and one that ends when
 enough is known; that with gains tried out, a second round and a proof."""
 LONGEST, LONGEST_PROVED = 3.0, 4.5
-"""How long at most, in the same lengths; with what follows."""
+"""No further experiment is begun that would end later than this, in the same lengths; how long with what follows."""
 WORKED_OUT = 20.0
 """How long it usually takes to work gains out [s]; that depends on the computer."""
 

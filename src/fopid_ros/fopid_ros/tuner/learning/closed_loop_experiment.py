@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from fopid_core.design.identification.noise import resolution
 from fopid_core.errors import InputError
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
-from fopid_ros.tuner.learning.announcement import announcement, usual_time
+from fopid_ros.tuner.learning.announcement import LONGEST, announcement, usual_time
 from fopid_ros.tuner.learning.calm import Calm
 from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
@@ -61,8 +61,6 @@ SMOOTHED_SHARE = 0.2
 """Share of that calm over which noise is averaged out: of a hundred samples one is often beyond three deviations."""
 SEEN_SAMPLES = 2000
 """So many of the newest samples show how a measurement is quantised."""
-LONGEST = 3.0
-"""No further experiment is begun that would end later than this, in lengths of one."""
 TICKS_HEARD, MOST_HEARD = 100, 200
 """So many ticks at rest are waited for, those before it included: fewer tell no spectrum of the noise. So many are
 listened to, or as many as are looked at for rest: in more there are drifts and loads as well."""
