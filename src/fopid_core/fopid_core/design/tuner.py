@@ -28,9 +28,10 @@ from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementF
 
 __all__ = ["Achieved", "Bound", "TuningRequest", "TuningResult", "tune", "verify"]
 
-WORSE, CALMER = 1.1, (1.0, 0.5)
+WORSE, CALMER = 1.1, ((1.0, False), (0.5, False), (0.5, True), (0.5, True))
 """A design whose Ms is so many times as large as it runs is told to be so; beyond so many times its bound another is
-sought behind half a tick, with so much of the control's peak, and it is no success where there is none."""
+sought behind half a tick, with so much of the control's peak, then with a bound tighter by what running has added, and
+it is no success where there is none."""
 
 
 def tune(request: TuningRequest, progress: Progress | None = None, clock: Clock = time.perf_counter) -> TuningResult:
@@ -69,15 +70,9 @@ def tune(request: TuningRequest, progress: Progress | None = None, clock: Clock 
     proposal = propose(request, report, lambda: clock() >= deadline)
     report(0.95, "verifying on the process itself")
     result = _verified(request, proposal)
-    ms_max, u_max = proposal.bounds.ms_max, proposal.bounds.u_max
-    behind = replace(request, process=request.process.delayed(0.5 * request.sample_time), sampled=request.process)
-    for calmer in () if request.sampled else CALMER:
-        if not (result.success and _is_nearer_as_it_runs(result, ms_max)) or clock() >= deadline:
-            break
-        report(0.5, "once more, behind the hold of the control")
-        behind = replace(behind, u_max=calmer * u_max if math.isfinite(u_max) else None)
-        proposal = replace(propose(behind, report, lambda: clock() >= deadline), bounds=proposal.bounds)
-        result = _verified(request, proposal)
+    ms_max = proposal.bounds.ms_max
+    if not request.sampled:
+        result = _calmer_as_it_runs(request, proposal, result, propose, report, lambda: clock() >= deadline)
     if result.success and result.running and _is_nearer_as_it_runs(result, ms_max):
         asked = f"max |S| <= {ms_max:g} with ticks of {request.sample_time:g} s"
         result = replace(result, success=False, unmet=(*result.unmet, f"{asked}: {result.running.ms:.4g}"))
@@ -108,6 +103,40 @@ def verify(
 def _is_nearer_as_it_runs(result: TuningResult, ms_max: float) -> bool:
     """Whether a design is far beyond its bound on max |S| as it runs, sampled and held."""
     return result.running is not None and result.running.ms > WORSE * ms_max
+
+
+def _calmer_as_it_runs(
+    request: TuningRequest,
+    proposal: Proposal,
+    result: TuningResult,
+    propose: Method,
+    report: Progress,
+    expired: Expired,
+) -> TuningResult:
+    """The first result that keeps its bound on max |S| as it runs too, or the last that was sought."""
+    ms_max, u_max = proposal.bounds.ms_max, proposal.bounds.u_max
+    behind = replace(request, process=request.process.delayed(0.5 * request.sample_time), sampled=request.process)
+    searched = ms_max
+    for calmer, is_tighter in CALMER:
+        if not (result.success and _is_nearer_as_it_runs(result, ms_max)) or expired():
+            break
+        report(0.5, "once more, behind the hold of the control")
+        behind = replace(behind, u_max=calmer * u_max if math.isfinite(u_max) else None)
+        if is_tighter:
+            searched = _tightened(searched, ms_max, result)
+            behind = replace(behind, ms_max=searched)
+        result = _verified(request, replace(propose(behind, report, expired), bounds=proposal.bounds))
+    return result
+
+
+def _tightened(searched: float, ms_max: float, result: TuningResult) -> float:
+    """The bound on max |S| to search with, for a design to keep to `ms_max` as it runs where it did not by `searched`.
+
+    Where a delay turns the loop, max |S| is 1 / (1 - |L|), and running makes |L| larger by some factor.
+    """
+    assert result.running is not None
+    allowed, gain, ran = (1.0 - 1.0 / ms for ms in (searched, ms_max, result.running.ms))
+    return 1.0 / (1.0 - allowed * gain / ran)
 
 
 Method = Callable[[TuningRequest, Progress, Expired], Proposal]
