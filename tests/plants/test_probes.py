@@ -10,8 +10,10 @@ from foreign_plants.gallery import GALLERY, Exhibit
 from foreign_plants.parts import Actuator, Plant, Sensor, State
 from virtual_loop import VirtualLoop
 
+from fopid_core.runtime.excitation import Excitation
 from fopid_ros.tuner.learning import closed_loop_experiment
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
 from fopid_ros.tuner.learning.loop_baseline import NOISES, LoopBaseline
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 from fopid_ros.tuner.learning.running_controller import read_running_controller
@@ -107,3 +109,27 @@ def test_another_goal_may_find_the_loop_changed() -> None:
     remembered = Reach(0.01, 0.05, 0.5)
     assert math.isinf(remembered.most)
     assert experiment(GALLERY["level_tank"], 1, remembered).loop.deviation_max >= remembered.allowed
+
+
+def test_no_probe_is_smaller_than_what_noise_makes_of_the_control(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of the first probes were lost in a control that moved by more all the time."""
+    made = experiment(GALLERY["coupled_heaters"], 1)
+    moves = made.loop.control_spread
+    assert made._first_amplitude() == moves
+    monkeypatch.setattr(made.loop, "control_spread", 0.0)
+    assert made._first_amplitude() < moves
+
+
+def test_the_way_back_of_a_loop_that_swings_is_no_late_answer() -> None:
+    """On a drum each of five probes was held twice as long: the largest deviation came after the move was over."""
+    made = experiment(GALLERY["boiler_drum"], 1)
+    holds: list[float] = []
+    run = made._run_excitation
+
+    def watched(excitation: Excitation, *args: object, **asked: object) -> GuardedExcitation:
+        holds.append(excitation.settings.hold)
+        return run(excitation, *args, **asked)  # type: ignore[arg-type]
+
+    made._run_excitation = watched  # type: ignore[method-assign]
+    assert not made.excite(lambda: True)
+    assert len(set(holds[:-1])) == 1

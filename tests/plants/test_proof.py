@@ -65,6 +65,16 @@ def proof(
     return loop, made
 
 
+def test_a_move_that_a_disturbance_came_in_the_way_of_is_followed_by_none_that_is_too_large() -> None:
+    """Of a second move a heat exchanger showed less than of the first, and the third left the band."""
+    made = proof(DRIVE, Fopid(0.1, 0.05), AS_LEARNT, 0.3)[1]
+    half = 0.5 * made.loop.deviation_max
+    made._amplitude, made._peak = 0.1, 0.5 * half
+    assert made._larger() == pytest.approx(2.0)
+    made._amplitude, made._peak = 0.2, 0.3 * half
+    assert made._larger() == pytest.approx(1.0)
+
+
 def test_gains_that_swing_in_the_gap_once_they_are_moved_are_seen() -> None:
     _, made = proof(DRIVE, Fopid(1.0, 17.0, 0.0), AS_LEARNT, 0.3)
     assert "does not come to rest once moved by" in made.prove(0.3)

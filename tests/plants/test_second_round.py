@@ -22,11 +22,12 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process, read_process
 from fopid_ros.tuner.learning import autotune, closed_loop_experiment
 from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
-from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings, RestlessError
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_wait import CancelledError
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
+from fopid_ros.tuner.learning.rest import RestlessError
 from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 NAME, SEED = "heat_exchanger", 1
@@ -252,8 +253,8 @@ def test_an_experiment_that_follows_another_moves_the_measurement_as_far() -> No
     loop.run(1.0)
     experiment(NOT_MOVED)
     second = experiment(first.reach)
-    assert moved[1] < 0.5 * moved[0]
-    assert moved[2] > 0.7 * moved[0]
+    assert moved[1] < 0.7 * moved[0]
+    assert moved[2] > 0.8 * moved[0]
     assert second.loop.deviation_max >= first.loop.deviation_max
 
 

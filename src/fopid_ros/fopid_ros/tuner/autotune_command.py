@@ -48,7 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--excitation", default="", choices=("prbs", "relay", "step"), help="how the loop is moved (prbs)")
     add("--amplitude", type=float, default=0.0, metavar="U", help="how far the control is moved (found out)")
     add("--deviation-max", type=float, default=0.0, metavar="Y", help="ends it (from noise and limits)")
-    add("--duration", type=float, default=0.0, metavar="S", help="of the experiment (20 integral times)")
+    add("--duration", type=float, default=0.0, metavar="S", help="of the experiment (18 integral times)")
     add("--template", dest="template_name", default="", metavar="NAME", help="of the model (the best of all)")
     add("--method", default="", choices=("frequency", "time"), help="of tuning (the tuner's parameter)")
     add("--phase-margin", type=float, default=0.0, metavar="DEG", help="to reach [deg]")

@@ -56,10 +56,10 @@ SPECS = (
     Spec("autotune.excitation", "prbs", "how ~/autotune moves the loop", choices=("prbs", "relay", "step")),
     Spec("autotune.amplitude", 0.0, "how far it moves the control; 0 finds out", 0.0, 1e9),
     Spec("autotune.deviation_max", 0.0, "distance from setpoint that ends it; 0: from noise and limits", 0.0, 1e9),
-    Spec("autotune.duration", 0.0, "length of the experiment [s]; 0: 20 integral times of the gains", 0.0, 1e9),
+    Spec("autotune.duration", 0.0, "length of the experiment [s]; 0: 18 integral times of the gains", 0.0, 1e9),
     Spec("autotune.until_known", True, "a prbs without duration ends once its record says enough for a design"),
     Spec("autotune.second_round", True, "a second round where no slow end was seen, or gains are much livelier"),
     Spec("adapt", "off", "learn on from normal operation and retune when the process has drifted", choices=ADAPT),
-    Spec("adapt_window", 0.0, "signals that a drift is judged by [s]; 0: 20 integral times of the gains", 0.0, 1e6),
+    Spec("adapt_window", 0.0, "signals that a drift is judged by [s]; 0: 18 integral times of the gains", 0.0, 1e6),
     *loop_tap.SPECS,
 )  # fmt: skip

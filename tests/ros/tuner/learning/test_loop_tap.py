@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
-from fopid_msgs.msg import ScalarStamped
+from fopid_msgs.msg import FopidState, ScalarStamped
 from fopid_ros.tuner.learning.loop_tap import REPEAT_PERIOD, LoopTap, Tick
 from fopid_ros.tuner.node import TunerNode
 
@@ -131,3 +131,20 @@ def test_a_control_that_comes_while_the_tuner_is_cleaned_up_does_no_harm(make: C
     bench.tuner.trigger_cleanup()
     bench.spin(0.1)
     assert bench.tuner.guard.count == 0, bench.tuner.guard.last
+
+
+def test_since_when_the_controller_is_the_same_is_noted(make: Callable[..., Bench]) -> None:
+    bench = make()
+    topic = f"{bench.tuner.get_parameter('controller').value}/state"
+    publisher = bench.tester.create_publisher(FopidState, topic, QoSProfile(depth=10))
+    bench.until(publisher.get_subscription_count)
+    changes = []
+    for k, said in enumerate(
+        ({"kp": 1.0}, {"kp": 1.0}, {"kp": 2.0}, {"kp": 2.0}, {"kp": 2.0, "mode": FopidState.MANUAL})
+    ):
+        message = FopidState(setpoint=1.0, **said)
+        message.header.stamp.sec = 100 + k
+        publisher.publish(message)
+        bench.spin(3.0 * REPEAT_PERIOD)
+        changes.append(bench.tap.history.changed)
+    assert changes == [100.0, 100.0, 102.0, 102.0, 104.0]

@@ -65,7 +65,7 @@ class Adaptation:
         Parameters
         ----------
         window : float
-            Signals to judge by [s]; 0 for 20 integral times of the present gains.
+            Signals to judge by [s]; 0 for 18 integral times of the present gains.
         apply : bool
             Whether new gains may be applied, or are only proposed.
         criteria : AcceptanceCriteria

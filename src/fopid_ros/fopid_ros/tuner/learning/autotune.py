@@ -22,7 +22,7 @@ from fopid_core.runtime.performance_monitor import LoopPerformance
 from fopid_core.runtime.settings import Pace
 from fopid_ros.tuner.controller_client import ControllerClient
 from fopid_ros.tuner.learning.announcement import planned
-from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings, RestlessError
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import (
     AcceptanceCriteria,
     GainUpdate,
@@ -36,6 +36,7 @@ from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, OpenLoopError, Stage
 from fopid_ros.tuner.learning.proof import Proof
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
+from fopid_ros.tuner.learning.rest import RestlessError
 from fopid_ros.tuner.learning.running_controller import RunningController, read_running_controller
 
 EXPERIMENTS = 3

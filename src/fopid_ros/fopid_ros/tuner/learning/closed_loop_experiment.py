@@ -18,13 +18,15 @@ from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
+from fopid_ros.tuner.learning.rest import RestlessError, bear, heard_before
 from fopid_ros.tuner.learning.running_controller import INTEGRAL_TIMES, TICKS_MIN, integral_time
 
 PRBS_ORDER = 5
 EXCITATIONS = {"prbs": (1 << PRBS_ORDER) - 1, "relay": 8, "step": 2}
 """Kinds of experiment, and into how many holds each divides its duration."""
-REST_SHARE, LOOKS = 0.08, 10
-"""Share of that length over which rest is judged, and how often meanwhile."""
+REST_SHARE, LIVE_SHARE, LOOKS = 0.08, 0.25, 10
+"""Share of that length over which rest is judged, share of it that is waited for where the loop was heard before, and
+how often it is looked at meanwhile."""
 TICKS_LEAST = 20
 """So many ticks tell whether the loop rests; a busy machine may lose some."""
 PROBE_SHARE, PROBE_SHARE_UNTIL_KNOWN, PROBES = 1.0 / 12.0, 1.0 / 24.0, 8
@@ -32,9 +34,10 @@ PROBE_SHARE, PROBE_SHARE_UNTIL_KNOWN, PROBES = 1.0 / 12.0, 1.0 / 24.0, 8
 there are at most."""
 LEAST_TICKS = 2
 """So many ticks of the controller is a move held at least."""
-QUICK, LATE, LONGER, PROBE_SHARE_MOST = 1, 1.2, 2.0, 1.0 / 6.0
-"""After so many probes without an answer, or one whose answer came after so many holds, the next is held so much
-longer, at most that share of the length: the answer may come behind a delay, or go the other way at first."""
+QUICK, LATE, MIRRORED, LONGER, PROBE_SHARE_MOST = 1, 1.2, 2.0, 2.0, 1.0 / 6.0
+"""After so many probes without an answer, or one whose answer was not seen after so many holds, or became so many times
+as large as the way back makes that of a loop that swings, the next is held so much longer, at most that share of the
+length: the answer may come behind a delay, or go the other way at first."""
 FIRST_NOISES, FIRST_RANGE, FIRST_SHARE = 3.0, 0.002, 0.1
 """The first probe: what holds a deviation of so many noises, that share of the control's range, or what holds that
 share of the allowed deviation, whichever is least."""
@@ -61,10 +64,10 @@ SMOOTHED_SHARE = 0.2
 """Share of that calm over which noise is averaged out: of a hundred samples one is often beyond three deviations."""
 SEEN_SAMPLES = 2000
 """So many of the newest samples show how a measurement is quantised."""
-TICKS_HEARD, MOST_HEARD = 100, 200
-"""So many ticks at rest are waited for, those before it included: fewer tell no spectrum of the noise. So many are
-listened to, or as many as are looked at for rest: in more there are drifts and loads as well."""
-LOOKS_AT = (3, 4, 5, 6, 8, 10, 13, 17, 22)
+TICKS_HEARD, TICKS_REMEMBERED = 100, 20_000
+"""So many ticks at rest are waited for, those before it included: fewer tell no spectrum of the noise. So many at most
+are looked through for samples that are far off, which come seldom."""
+LOOKS_AT = (2, 3, 4, 5, 6, 8, 10, 13, 17, 22)
 """After how many holds of a prbs it is looked whether enough is known."""
 WAY_BACK = (0.5, 0.6, 0.7, 0.8, 0.9)
 """Where a probe is on its way back and may be over before its time, since the measurement is back where it was."""
@@ -98,10 +101,6 @@ class ExperimentSettings:
     duration: float = 0.0
     until_known: bool = True
     proved: bool = False
-
-
-class RestlessError(InputError):
-    """The loop does not come to rest."""
 
 
 class ClosedLoopExperiment:
@@ -195,24 +194,27 @@ class ClosedLoopExperiment:
         """
         loop, duration = self.loop, self.duration
         window = self.rest_window
-        ticks: deque[Tick] = deque()
+        ticks = deque(heard_before(self._tap.history, window, TICKS_LEAST * loop.controller.sample_time))
+        rest = [ticks[0].time] if ticks else []
         begun: list[float] = []
         looked: list[float] = [-math.inf]
 
         def hook(tick: Tick) -> None:
             if not begun:
                 begun.append(tick.time)
+                rest.append(tick.time)
                 self.latest = min(self.latest, tick.time + LONGEST * self.duration)
             ticks.append(tick)
             while tick.time - ticks[0].time > window:
                 ticks.popleft()
 
         def measured() -> bool:
-            if not ticks:
+            if not begun:
                 return False
-            _bear(ticks, borne)
+            bear(ticks, borne)
             now = ticks[-1].time
-            if now - begun[0] < window or now - looked[0] < window / LOOKS:
+            is_early = now - begun[0] < LIVE_SHARE * window or now - rest[0] < window
+            if is_early or now - looked[0] < window / LOOKS:
                 return False
             if len(ticks) < TICKS_LEAST:
                 if now - begun[0] > duration:
@@ -229,7 +231,7 @@ class ClosedLoopExperiment:
         self._wait.until(measured, lambda: Stage("measuring", 0.0, left, loop.offset, message=told))
         if not loop.at_steady_state:
             raise RestlessError(loop.why_not_at_rest(duration))
-        unmoved = self._tap.history.unmoved(max(MOST_HEARD, loop.samples))
+        unmoved = self._tap.history.unmoved(TICKS_REMEMBERED)
         loop.listen(unmoved, self._wanted.deviation_max, self._tap.history.travel("setpoint"))
         loop.check_amplitude(self._wanted.amplitude)
 
@@ -400,7 +402,8 @@ class ClosedLoopExperiment:
                 return excitation.reason
             self._note_resolution()
             answered = self._peak > seen
-            early = guarded.peak_time <= LATE * excitation.settings.hold or share >= PROBE_SHARE_MOST
+            in_time = guarded.peak_until(LATE * excitation.settings.hold)
+            early = in_time > max(seen, self._peak / MIRRORED) or share >= PROBE_SHARE_MOST
             larger = wanted / max(self._peak, 1e-300) if answered else math.inf
             if answered and early and (larger <= MOST_LARGER or amplitude == self._most()):
                 self._amplitude = min(amplitude * min(larger, MOST_LARGER), self._most())
@@ -426,7 +429,8 @@ class ClosedLoopExperiment:
         if not self._most() > 0.0:
             at = f"the control rests at {loop.control:.4g}, at a limit"
             raise InputError(f"{at}; allowed: a control with room to both sides of it")
-        return min([size for size in sizes if 0.0 < size < math.inf] + [self._most()])
+        least = min(size for size in (*sizes, math.inf) if size > 0.0)
+        return min(max(least, loop.control_spread), self._most())
 
     def _note_resolution(self) -> None:
         """A quantised measurement that stood still at rest shows its steps when it moves."""
@@ -489,11 +493,3 @@ class ClosedLoopExperiment:
     def residual_transient(self) -> float:
         """What may still be left of the experiment when the new gains come."""
         return max(3.0 * self.loop.unrest, SETTLED_SHARE * self._peak)
-
-
-def _bear(ticks: Sequence[Tick], borne: float) -> None:
-    """End the wait of `ClosedLoopExperiment.measure` where the measurement is too far from a setpoint at rest."""
-    first, newest = ticks[0], ticks[-1]
-    off = newest.measurement - newest.setpoint
-    if abs(off) > borne and newest.setpoint == first.setpoint:
-        raise RestlessError(f"the measurement went {off:+.4g} off the setpoint ({borne:.4g} is borne)")

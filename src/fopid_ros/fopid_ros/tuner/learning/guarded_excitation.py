@@ -60,10 +60,9 @@ class GuardedExcitation:
         """When half of the peak was reached, after the beginning [s]."""
         return next((time for time, level in self._rise if level >= 0.5 * self.peak), math.nan)
 
-    @property
-    def peak_time(self) -> float:
-        """When the peak was reached, after the beginning [s]; 0 before."""
-        return self._rise[-1][0] if self._rise else 0.0
+    def peak_until(self, time: float) -> float:
+        """The peak by so many seconds after the beginning."""
+        return max((level for at, level in self._rise if at <= time), default=0.0)
 
     @property
     def finished(self) -> bool:

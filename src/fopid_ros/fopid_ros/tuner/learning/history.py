@@ -78,11 +78,13 @@ class History:
     ----------
     whole_since : float
         What is not older than this is kept in any case [s]: the experiment under way.
+    changed : float
+        When the loop became what it is [s]: a controller that was opened, closed or given other gains.
     """
 
     def __init__(self, kept: float) -> None:
         self.kept = kept
-        self.whole_since = math.inf
+        self.whole_since, self.changed = math.inf, -math.inf
         self._lock = threading.Lock()
         self._samples = {name: Samples() for name in (*SIGNALS, EXCITATION)}
 
@@ -95,6 +97,7 @@ class History:
                     return
                 for each in self._samples.values():
                     each.clear()
+                self.changed = -math.inf
             samples.add(time, value)
             samples.forget(min(time - self.kept, self.whole_since))
 
@@ -115,16 +118,23 @@ class History:
         with self._lock:
             return self._samples[signal].table()[-count:, 1]
 
-    def unmoved(self, count: int) -> np.ndarray:
-        """The last measurements since setpoint or experiment moved the loop, at the ticks; shape (count,) at most."""
+    @property
+    def unmoved_since(self) -> float:
+        """Since when neither setpoint nor experiment has moved the loop, and its controller is the same [s]."""
         with self._lock:
-            kept = {name: samples.table()[-2 * count :] for name, samples in self._samples.items()}
-        moves = [kept[name][1:, 0][np.diff(kept[name][:, 1]) != 0.0] for name in ("setpoint", EXCITATION)]
-        since = max((float(times[-1]) for times in moves if len(times)), default=-math.inf)
-        ticks = kept["control"][:, 0]
-        if not len(kept["measurement"]):
+            kept = [self._samples[name].table() for name in ("setpoint", EXCITATION)]
+        moves = [samples[1:, 0][np.diff(samples[:, 1]) != 0.0] for samples in kept]
+        return max([float(times[-1]) for times in moves if len(times)] + [self.changed])
+
+    def unmoved(self, count: int) -> np.ndarray:
+        """The last measurements since then, at the ticks; shape (count,) at most."""
+        since = self.unmoved_since
+        with self._lock:
+            measured, control = (self._samples[name].table()[-2 * count :] for name in ("measurement", "control"))
+        if not len(measured):
             return np.empty(0)
-        return _held(kept["measurement"], ticks[ticks >= max(since, kept["measurement"][0, 0])])[-count:]
+        ticks = control[:, 0]
+        return _held(measured, ticks[ticks >= max(since, measured[0, 0])])[-count:]
 
     def travel(self, signal: str) -> float:
         """The distance of its largest and smallest value, as long as it is remembered."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import median_filter
 
 from fopid_core.design.identification.noise import SensorNoise, noise_at_rest, resolution, white_level
 from fopid_core.errors import InputError
@@ -32,6 +33,10 @@ LEAST_MOVE_SHARE = 0.005
 FAR_OFF, MAD, FEW = 10.0, 1.4826, 0.05
 """A value that is so many standard deviations off the median, these told from the median distance, is no noise; such a
 share of all may be."""
+OUTLYING = 5
+"""So many samples are compared to tell one that is far off both before and after it."""
+MOST_HEARD = 200
+"""So many ticks at rest tell the noise, or as many as are looked at for rest: in more are drifts and loads as well."""
 FAR_LONGER = 2
 """So many times as many samples tell more of a sensor than the fewer."""
 SMALL_STEP = 0.25
@@ -60,6 +65,8 @@ class LoopBaseline:
         How far the measurement, noise averaged out, goes to either side.
     spread : float
         Standard deviation of the measurement about its drift.
+    control_spread : float
+        And that of the control.
     coloured : SensorNoise or None
         That noise with its spectrum, where it is not white.
     figures : LoopPerformance
@@ -69,6 +76,8 @@ class LoopBaseline:
         So many samples at rest were far off all others, where these were few.
     samples : int
         From so many the noise is known.
+    outlying : float
+        Root mean square, over a far longer time, of what is far off before and after it.
     """
 
     controller: RunningController
@@ -82,11 +91,13 @@ class LoopBaseline:
     swing: float = 0.0
     coloured: SensorNoise | None = None
     spread: float = 0.0
+    control_spread: float = 0.0
     figures: LoopPerformance = field(default_factory=lambda: PerformanceMeter(1.0).figures)
     deviation_least: float = 0.0
     deviation_most: float = math.inf
     spikes: int = 0
     samples: int = 0
+    outlying: float = 0.0
 
     def measure(self, ticks: Sequence[Tick], deviation_max: float, travel: float) -> None:
         """Take what a stretch of ticks shows.
@@ -104,7 +115,8 @@ class LoopBaseline:
         for tick in ticks:
             meter.step(tick.setpoint, tick.measurement, self.controller.saturated(tick.control))
         self.figures, self.setpoint = meter.figures, ticks[-1].setpoint
-        self.control = float(np.mean([tick.control for tick in ticks]))
+        moved = np.array([tick.control for tick in ticks])
+        self.control, self.control_spread = float(moved.mean()), spread_about_drift(moved)
         self.offset = float(measured.mean()) - self.setpoint
         first, second = np.array_split(measured, 2)
         self.drift = float(second.mean() - first.mean())
@@ -120,7 +132,7 @@ class LoopBaseline:
         self.unrest = self.noise
         self.coloured = noise_at_rest(measured, self.controller.sample_time)
 
-    def listen(self, before: Floats, deviation_max: float, travel: float) -> None:
+    def listen(self, unmoved: Floats, deviation_max: float, travel: float) -> None:
         """Once it rests: take its noise from all of the rest, and tell more than noise from an answer, too.
 
         A hum, waves, samples that are far off now and then, a small limit cycle or a sensor that reads seldom show in
@@ -128,11 +140,12 @@ class LoopBaseline:
 
         Parameters
         ----------
-        before : ndarray, shape (n,)
+        unmoved : ndarray, shape (n,)
             The measurement up to now, while nothing was moved; its end is what ``measure`` has seen.
         deviation_max, travel : float
             As of ``measure``.
         """
+        before = unmoved[-max(MOST_HEARD, self.samples) :]
         length, since = self.samples, max(before.size - self.samples, 0)
         while since > 0:
             begin = max(since - length, 0)
@@ -141,6 +154,7 @@ class LoopBaseline:
             since = begin
         if before.size >= length:  # else the setpoint was moved meanwhile
             self._take_noise(before[since:])
+        self.outlying = math.sqrt(max(_outlying_power(unmoved) - _outlying_power(before[since:]), 0.0))
         if self.coloured is not None or self.spread > UNREST * self.noise:
             self.unrest = min(max(self.noise, self.spread), MOST_UNREST * self.noise)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
@@ -196,7 +210,8 @@ class LoopBaseline:
     @property
     def sensor(self) -> SensorNoise:
         """What a design is to expect of the measurement's noise."""
-        return self.coloured or SensorNoise(self.noise, 0.0)
+        heard = self.coloured or SensorNoise(self.noise, 0.0)
+        return replace(heard, level=math.hypot(heard.level, self.outlying)) if self.outlying else heard
 
     @property
     def by_itself(self) -> str:
@@ -253,6 +268,17 @@ def _spikes(measured: Floats) -> int:
     off = np.abs(measured - np.median(measured))
     count = int((off > FAR_OFF * MAD * np.median(off)).sum()) if np.median(off) else 0
     return count if count <= FEW * measured.size else 0
+
+
+def _outlying_power(measured: Floats) -> float:
+    """Mean square of what is far off before and after it; 0 where that is not seldom, or the others do not move."""
+    if measured.size < OUTLYING:
+        return 0.0
+    off = measured - median_filter(measured, OUTLYING, mode="nearest")
+    noise = MAD * float(np.median(np.abs(np.diff(measured)))) / math.sqrt(2.0)
+    noise = max(noise, resolution(measured) / math.sqrt(12.0))
+    far = np.abs(off) > FAR_OFF * noise
+    return float(np.sum(off[far] ** 2)) / measured.size if noise and far.sum() <= FEW * measured.size else 0.0
 
 
 def half_range(measured: ArrayLike) -> float:

@@ -103,6 +103,7 @@ class LoopTap:
         self._failed: Exception | None = None
         self._ticked = threading.Condition()
         self._open_since, self._open_because = math.inf, ""
+        self._law: tuple[float, ...] = ()
         self._write = types[INJECTION].writer()
         self._injection: Publisher | None = None
         self._added = 0.0
@@ -224,11 +225,17 @@ class LoopTap:
         return " and ".join(name for name in SIGNALS if math.isnan(self.history.newest(name))) or "control"
 
     def _take_setpoint(self, state: Any, info: dict[str, int]) -> None:
-        """The setpoint, where the controller has one, and when it has changed."""
+        """The setpoint, where the controller has one, and when it has changed; or the controller itself has."""
         self._note_open_loop(state)
-        if math.isnan(state.setpoint) or state.setpoint == self.history.newest("setpoint"):
+        law = (state.kp, state.ki, state.kd, state.lam, state.mu, self._open_since)
+        moved = not (math.isnan(state.setpoint) or state.setpoint == self.history.newest("setpoint"))
+        if not moved and law == self._law:
             return
         stamp_ns = state.stamp_ns if self._by_stamps else self._arrival_ns(info)
+        if law != self._law:
+            self._law, self.history.changed = law, stamp_ns * 1e-9
+        if not moved:
+            return
         self._heard("setpoint", stamp_ns * 1e-9, state.setpoint)
 
     def _on_joint_state(self, message: bytes, info: dict[str, int]) -> None:

@@ -68,6 +68,7 @@ class Proof(ClosedLoopExperiment):
     ) -> None:  # fmt: skip
         super().__init__(tap, wait, loop, wanted, before)
         self._rest = rest
+        self._answer = 0.0
 
     def usual_time(self, response_time: float) -> float:
         """About how long it takes [s]: rest, two moves there and back, what is looked at after them, pulses."""
@@ -157,11 +158,15 @@ class Proof(ClosedLoopExperiment):
         return "" if excitation.completed else self.escaped
 
     def _larger(self) -> float:
-        """By how much it may be moved further than it was last; 1 where nobody says how far, or it has been enough."""
+        """By how much it may be moved further than it was last; 1 where nobody says how far, or it has been enough.
+
+        The largest answer to a move counts, by its size: to one of them a disturbance may have come in the way.
+        """
         asked, limited = self._wanted.amplitude, math.isfinite(self.loop.controller.control_range)
         if asked or not limited or self._tap.history.newest("setpoint") != self.loop.setpoint:
             return 1.0
-        further = PROVED_SHARE * self.loop.deviation_max / max(self._peak, 1e-300)
+        self._answer = max(self._answer, self._peak / self._amplitude)
+        further = PROVED_SHARE * self.loop.deviation_max / max(self._answer * self._amplitude, 1e-300)
         return min(further, self._most() / self._amplitude, MOST_LARGER)
 
     def _swings_on(self, window: float) -> str:

@@ -14,7 +14,7 @@ from fopid_ros.tuner.controller_client import ControllerClient, RunningDesign
 
 TICKS_MIN = 30
 """What lasts fewer ticks tells nothing."""
-INTEGRAL_TIMES = 20.0
+INTEGRAL_TIMES = 18.0
 """Length of an experiment when nobody says it, in integral times of the running controller."""
 
 
