@@ -29,9 +29,10 @@ from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementF
 __all__ = ["Achieved", "Bound", "TuningRequest", "TuningResult", "tune", "verify"]
 
 WORSE, CALMER = 1.1, ((1.0, False), (0.5, False), (0.5, True), (0.5, True))
+TIGHTER = ((1.0, True), (1.0, True))
 """A design whose Ms is so many times as large as it runs is told to be so; beyond so many times its bound another is
 sought behind half a tick, with so much of the control's peak, then with a bound tighter by what running has added, and
-it is no success where there is none."""
+it is no success where there is none. Of a process behind that hold already, only the bound is tightened."""
 
 
 def tune(request: TuningRequest, progress: Progress | None = None, clock: Clock = time.perf_counter) -> TuningResult:
@@ -71,8 +72,7 @@ def tune(request: TuningRequest, progress: Progress | None = None, clock: Clock 
     report(0.95, "verifying on the process itself")
     result = _verified(request, proposal)
     ms_max = proposal.bounds.ms_max
-    if not request.sampled:
-        result = _calmer_as_it_runs(request, proposal, result, propose, report, lambda: clock() >= deadline)
+    result = _calmer_as_it_runs(request, proposal, result, propose, report, lambda: clock() >= deadline)
     if result.success and result.running and _is_nearer_as_it_runs(result, ms_max):
         asked = f"max |S| <= {ms_max:g} with ticks of {request.sample_time:g} s"
         result = replace(result, success=False, unmet=(*result.unmet, f"{asked}: {result.running.ms:.4g}"))
@@ -115,17 +115,21 @@ def _calmer_as_it_runs(
 ) -> TuningResult:
     """The first result that keeps its bound on max |S| as it runs too, or the last that was sought."""
     ms_max, u_max = proposal.bounds.ms_max, proposal.bounds.u_max
-    behind = replace(request, process=request.process.delayed(0.5 * request.sample_time), sampled=request.process)
-    searched = ms_max
-    for calmer, is_tighter in CALMER:
+    behind, searched = request, ms_max
+    if not request.sampled:
+        behind = replace(request, process=request.process.delayed(0.5 * request.sample_time), sampled=request.process)
+    for calmer, is_tighter in TIGHTER if request.sampled else CALMER:
         if not (result.success and _is_nearer_as_it_runs(result, ms_max)) or expired():
             break
         report(0.5, "once more, behind the hold of the control")
-        behind = replace(behind, u_max=calmer * u_max if math.isfinite(u_max) else None)
+        if calmer < 1.0 and math.isfinite(u_max):
+            behind = replace(behind, u_max=calmer * u_max)
         if is_tighter:
             searched = _tightened(searched, ms_max, result)
             behind = replace(behind, ms_max=searched)
-        result = _verified(request, replace(propose(behind, report, expired), bounds=proposal.bounds))
+        found = propose(behind, report, expired)
+        told = f"{found.message}; for max |S| <= {ms_max:g} as it runs" if is_tighter else found.message
+        result = _verified(request, replace(found, message=told, bounds=proposal.bounds))
     return result
 
 
@@ -135,7 +139,9 @@ def _tightened(searched: float, ms_max: float, result: TuningResult) -> float:
     Where a delay turns the loop, max |S| is 1 / (1 - |L|), and running makes |L| larger by some factor.
     """
     assert result.running is not None
-    allowed, gain, ran = (1.0 - 1.0 / ms for ms in (searched, ms_max, result.running.ms))
+    assert result.achieved is not None
+    has = min(searched, result.achieved.ms)
+    allowed, gain, ran = (1.0 - 1.0 / ms for ms in (has, ms_max, result.running.ms))
     return 1.0 / (1.0 - allowed * gain / ran)
 
 

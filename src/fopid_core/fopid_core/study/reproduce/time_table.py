@@ -55,7 +55,7 @@ class TimeRow:
     ms, first_control : float
         max |S| and the control right after the step when run at 10 ms.
     within : TuningResult
-        Our tuning for the same index with neither larger than the printed controller's.
+        Our tuning for the same index with neither larger than the printed controller's, however few would trust it.
     practical : TuningResult
         Our tuning with ms <= 1.6 and a control of at most 20.
     """
@@ -162,16 +162,17 @@ def time_row(printed: PrintedTuning) -> TimeRow:
     ms = margins(loop).ms
     kick = float(first_control(np.array([printed.controller.gains]), PAPER_STEP)[0])
 
-    def tuned(ms_max: float, u_max: float, start: Fopid | None) -> TuningResult:
+    def tuned(ms_max: float, u_max: float, start: Fopid | None, structure: str | None = None) -> TuningResult:
         return tune(
             TuningRequest(
-                process, method="time", index=index.lower(), horizon=HORIZON, ms_max=ms_max, u_max=u_max, start=start
+                process, method="time", index=index.lower(), horizon=HORIZON, ms_max=ms_max, u_max=u_max, start=start,
+                structure=structure,
             )
-        )
+        )  # fmt: skip
 
     return TimeRow(
         printed, gl_figures(loop, index), exact_figures(loop, index), rounding_of_index(printed), ms, kick,
-        tuned(ms, kick, printed.controller), tuned(PRACTICAL_MS, PRACTICAL_U, None),
+        tuned(ms, kick, printed.controller, "fopid"), tuned(PRACTICAL_MS, PRACTICAL_U, None),
     )  # fmt: skip
 
 
