@@ -31,7 +31,7 @@ QUIET_WEIGHT, LEAST_SHARE = 0.2, 0.05
 what is aimed at nobody feels it."""
 PLAIN = 1.1
 """By which a derivative must pay, and so must orders that are not whole: the process is not known any better."""
-HARDLY_MOVES = 0.1
+HARDLY_MOVES = 0.05
 """Share of the movement that is allowed below which no rule's is worth to be met."""
 AHEAD, AHEAD_IN_NOISE, SHORT_WEIGHT = 0.8, 0.6, 2.0
 """Of the rule of the textbooks with the least load error on the learnt process: the share of that error, and of its
