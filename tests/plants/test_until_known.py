@@ -14,6 +14,7 @@ from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.running_controller import read_running_controller
 
+
 def experiment(name: str, seed: int, until_known: bool = True) -> tuple[VirtualLoop, ClosedLoopExperiment, float]:
     """The loop after one experiment, and when it began."""
     exhibit = GALLERY[name]
