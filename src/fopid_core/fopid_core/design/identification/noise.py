@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.signal import detrend
 
 from fopid_core.design.identification.noise_spectrum import NoiseSpectrum, noise_spectrum
@@ -21,6 +22,12 @@ _NOTHING_ELSE = 1.05
 """Noise of no more than so many times what steps make is made by them."""
 _FEWEST, _LEVEL = 100, 1.2
 """So many samples show a spectrum; they rest where a line through them takes no more of their spread than that."""
+
+FAR_OFF, MAD, FEW = 10.0, 1.4826, 0.05
+"""A value that is so many standard deviations off the others, these told from the median distance, is no noise; such a
+share of all may be."""
+_OUTLYING = 5
+"""So many samples are compared to tell one that is far off both before and after it."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +113,27 @@ def white_level(values: Floats) -> Floats:
     """
     level: Floats = np.std(np.diff(values, 3, axis=-1), axis=-1) / math.sqrt(20.0)
     return level
+
+
+def outlying_power(values: Floats) -> float:
+    """Mean square of what is far off before and after it; 0 where that is not seldom, or the others do not move.
+
+    Examples
+    --------
+    >>> measured = np.random.default_rng(0).standard_normal(1000)
+    >>> outlying_power(measured)
+    0.0
+    >>> measured[500] += 30.0
+    >>> round(outlying_power(measured), 1)  # 30^2 / 1000
+    0.9
+    """
+    if values.size < _OUTLYING:
+        return 0.0
+    off = values - median_filter(values, _OUTLYING, mode="nearest")
+    noise = MAD * float(np.median(np.abs(np.diff(values)))) / math.sqrt(2.0)
+    noise = max(noise, resolution(values) / math.sqrt(12.0))
+    far = np.abs(off) > FAR_OFF * noise
+    return float(np.sum(off[far] ** 2)) / values.size if noise and far.sum() <= FEW * values.size else 0.0
 
 
 def resolution(values: Floats) -> float:

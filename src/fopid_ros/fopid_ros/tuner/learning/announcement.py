@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from fopid_ros.tuner.learning.autotune import AutotuneRequest
     from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment
 
-TOTAL, UNTIL_KNOWN, UNTIL_PROVED = 2.0, 0.5, 1.9
+TOTAL, UNTIL_KNOWN, UNTIL_PROVED = 2.0, 0.7, 1.9
 """How long it usually takes, in lengths of an experiment: rest and one that is made whole; rest and one that ends when
 enough is known; that with gains tried out, a second round and a proof."""
 LONGEST, LONGEST_PROVED = 3.0, 4.5
@@ -44,7 +44,7 @@ def announcement(length: float, until_known: bool, proved: bool) -> str:
     Examples
     --------
     >>> announcement(100.0, until_known=True, proved=False)
-    'about 70 s in all (rest, experiments, gains worked out), up to 320 s where they say too little'
+    'about 90 s in all (rest, experiments, gains worked out), up to 320 s where they say too little'
     """
     most = (LONGEST_PROVED if proved else LONGEST) * length + WORKED_OUT
     parts = "rest, experiments, gains worked out" + (", watched and proved" if proved else "")

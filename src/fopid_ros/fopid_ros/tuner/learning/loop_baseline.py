@@ -8,9 +8,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.ndimage import median_filter
 
-from fopid_core.design.identification.noise import SensorNoise, noise_at_rest, resolution, white_level
+from fopid_core.design.identification.noise import (
+    FAR_OFF,
+    FEW,
+    MAD,
+    SensorNoise,
+    noise_at_rest,
+    outlying_power,
+    resolution,
+    white_level,
+)
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
@@ -30,11 +38,6 @@ UNREST, MOST_UNREST = 1.5, 4.0
 of its own; it counts as so many times the white noise at most."""
 LEAST_MOVE_SHARE = 0.005
 """Of the allowed deviation, that counts as noise where there is less: simulated sensors have none."""
-FAR_OFF, MAD, FEW = 10.0, 1.4826, 0.05
-"""A value that is so many standard deviations off the median, these told from the median distance, is no noise; such a
-share of all may be."""
-OUTLYING = 5
-"""So many samples are compared to tell one that is far off both before and after it."""
 MOST_HEARD = 200
 """So many ticks at rest tell the noise, or as many as are looked at for rest: in more are drifts and loads as well."""
 FAR_LONGER = 2
@@ -154,7 +157,7 @@ class LoopBaseline:
             since = begin
         if before.size >= length:  # else the setpoint was moved meanwhile
             self._take_noise(before[since:])
-        self.outlying = math.sqrt(max(_outlying_power(unmoved) - _outlying_power(before[since:]), 0.0))
+        self.outlying = math.sqrt(max(outlying_power(unmoved) - outlying_power(before[since:]), 0.0))
         if self.coloured is not None or self.spread > UNREST * self.noise:
             self.unrest = min(max(self.noise, self.spread), MOST_UNREST * self.noise)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
@@ -268,17 +271,6 @@ def _spikes(measured: Floats) -> int:
     off = np.abs(measured - np.median(measured))
     count = int((off > FAR_OFF * MAD * np.median(off)).sum()) if np.median(off) else 0
     return count if count <= FEW * measured.size else 0
-
-
-def _outlying_power(measured: Floats) -> float:
-    """Mean square of what is far off before and after it; 0 where that is not seldom, or the others do not move."""
-    if measured.size < OUTLYING:
-        return 0.0
-    off = measured - median_filter(measured, OUTLYING, mode="nearest")
-    noise = MAD * float(np.median(np.abs(np.diff(measured)))) / math.sqrt(2.0)
-    noise = max(noise, resolution(measured) / math.sqrt(12.0))
-    far = np.abs(off) > FAR_OFF * noise
-    return float(np.sum(off[far] ** 2)) / measured.size if noise and far.sum() <= FEW * measured.size else 0.0
 
 
 def half_range(measured: ArrayLike) -> float:

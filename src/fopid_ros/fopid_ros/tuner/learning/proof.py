@@ -160,13 +160,14 @@ class Proof(ClosedLoopExperiment):
     def _larger(self) -> float:
         """By how much it may be moved further than it was last; 1 where nobody says how far, or it has been enough.
 
-        The largest answer to a move counts, by its size: to one of them a disturbance may have come in the way.
+        The largest answer to a move counts, beyond what it does by itself: a disturbance may come in the way of one.
         """
         asked, limited = self._wanted.amplitude, math.isfinite(self.loop.controller.control_range)
         if asked or not limited or self._tap.history.newest("setpoint") != self.loop.setpoint:
             return 1.0
-        self._answer = max(self._answer, self._peak / self._amplitude)
-        further = PROVED_SHARE * self.loop.deviation_max / max(self._answer * self._amplitude, 1e-300)
+        self._answer = max(self._answer, (self._peak - self.loop.swing) / self._amplitude)
+        answer = max(self._answer * self._amplitude, self._peak, 1e-300)
+        further = PROVED_SHARE * self.loop.deviation_max / answer
         return min(further, self._most() / self._amplitude, MOST_LARGER)
 
     def _swings_on(self, window: float) -> str:
