@@ -112,7 +112,7 @@ def test_a_sample_that_comes_a_little_late_is_left_out_and_the_record_stays() ->
     assert history.newest("measurement") == 999.0
 
 
-def test_a_loop_is_unmoved_since_the_last_move_or_change_of_its_controller() -> None:
+def test_a_loop_is_unmoved_since_the_last_move_also_where_its_gains_change_all_the_time() -> None:
     history = History(1000.0)
     for k in range(100):
         history.add("setpoint", float(k), 1.0 if k < 20 else 2.0)
@@ -124,6 +124,6 @@ def test_a_loop_is_unmoved_since_the_last_move_or_change_of_its_controller() -> 
     assert history.unmoved_since == 20.0, "nothing was added before the first"
     history.add("excitation", 40.0, 0.0)
     assert history.unmoved_since == 40.0
-    history.changed = 70.0
+    history.changed = 99.0  # a schedule's do
     assert history.unmoved(5).tolist() == [95.0, 96.0, 97.0, 98.0, 99.0]
-    assert history.unmoved(1000).tolist() == list(range(70, 100))
+    assert history.unmoved(1000).tolist() == list(range(40, 100))

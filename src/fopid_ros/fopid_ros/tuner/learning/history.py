@@ -120,11 +120,11 @@ class History:
 
     @property
     def unmoved_since(self) -> float:
-        """Since when neither setpoint nor experiment has moved the loop, and its controller is the same [s]."""
+        """Since when neither setpoint nor experiment has moved the loop [s], -inf where they have not."""
         with self._lock:
             kept = [self._samples[name].table() for name in ("setpoint", EXCITATION)]
         moves = [samples[1:, 0][np.diff(samples[:, 1]) != 0.0] for samples in kept]
-        return max([float(times[-1]) for times in moves if len(times)] + [self.changed])
+        return max((float(times[-1]) for times in moves if len(times)), default=-math.inf)
 
     def unmoved(self, count: int) -> np.ndarray:
         """The last measurements since then, at the ticks; shape (count,) at most."""

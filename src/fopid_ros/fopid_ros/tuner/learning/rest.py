@@ -28,7 +28,7 @@ def heard_before(history: History, window: float, gap: float) -> list[Tick]:
     """
     newest, setpoint = history.newest_time("control"), history.newest("setpoint")
     try:
-        heard = history.record(max(history.unmoved_since, newest - window))
+        heard = history.record(max(history.unmoved_since, history.changed, newest - window))
     except InputError:  # nothing yet
         return []
     times = newest - heard.span + heard.time
