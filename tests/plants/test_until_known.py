@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
-from foreign_plants.gallery import GALLERY
+from foreign_plants.gallery import GALLERY, Exhibit
+from foreign_plants.parts import Actuator, Plant, Sensor, State
 from virtual_loop import VirtualLoop
 
 from fopid_core.design.identification.identify import identify
+from fopid_core.design.robust_verification import RobustLimits
+from fopid_core.design.specification import TuningRequest
 from fopid_core.design.sufficiency import Sufficiency
+from fopid_core.model.process import Process
 from fopid_ros.tuner.learning.announcement import LONGEST, usual_time
+from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.running_controller import read_running_controller
 
@@ -35,6 +43,36 @@ def is_safe(name: str, loop: VirtualLoop, made: ClosedLoopExperiment, began: flo
     ticks = zip(loop.trace.time, loop.trace.true, strict=True)
     far = max(abs(y - loop.setpoint) for time, y in ticks if time >= began)
     return low < min(loop.trace.true) <= max(loop.trace.true) < high and far < 1.2 * made.loop.deviation_max
+
+
+class TwoLags(Plant):
+    """0.6 s and 0.1 s, fast beside the controller: two holds of its experiment are 20 ticks."""
+
+    rest = (0.0, 0.0)
+    substep = 0.01
+
+    def make_actuator(self) -> Actuator:
+        return Actuator(-math.inf, math.inf)
+
+    def make_sensor(self) -> Sensor:
+        return Sensor(noise=0.002)
+
+    def slopes(self, x: State, u: float) -> State:
+        return ((u - x[0]) / 0.6, (x[0] - x[1]) / 0.1)
+
+    def output(self, x: State) -> float:
+        return x[1]
+
+
+def test_a_look_waits_for_a_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no probes come before it, since an amplitude was asked for, 22 ticks "allowed: 30" ended all of it."""
+    monkeypatch.setattr(Autotuner, "_learn", lambda *_: Outcome(message="its record is learnt from"))
+    loop = VirtualLoop(Exhibit(TwoLags, 0.05, (2.0, 4.0, 0.0), 1.0, 0.5, 10.0, (-5.0, 5.0)), 1)
+    loop.run(10.0)
+    criteria = AcceptanceCriteria(TuningRequest(Process.parse("1/(s+1)")), RobustLimits(), 2.0)
+    request = AutotuneRequest(ExperimentSettings(amplitude=0.2, deviation_max=0.8), "foptd", criteria, True)
+    outcome = Autotuner(loop, loop, request, loop).run()  # type: ignore[arg-type]
+    assert outcome.message.startswith("its record is learnt from")
 
 
 def test_it_is_shorter_and_what_is_learnt_is_what_the_whole_experiment_shows() -> None:

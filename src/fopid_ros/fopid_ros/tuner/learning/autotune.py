@@ -11,7 +11,7 @@ from fopid_core.design.flaw_trial import FlawTrial
 from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identify import IdentificationResult, behind_slow_actuator, identify
 from fopid_core.design.identification.noise import hidden_by_steps
-from fopid_core.design.identification.record import Record
+from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
 from fopid_core.design.response_verification import contradicts_rest
 from fopid_core.design.slower import act_alike
 from fopid_core.design.specification import TuningResult
@@ -208,6 +208,8 @@ class Autotuner:
         outcome, sufficiency = Outcome(), self._sufficiency()
 
         def is_over() -> bool:
+            if self._tap.history.ticks_since(began) < FEWEST_SAMPLES:
+                return False
             heard = self._behind_actuator(self._tap.history.record(began))
             return sufficiency.is_over(heard, self._experiment.may_widen)
 

@@ -142,6 +142,12 @@ class History:
             values = self._samples[signal].table()[:, 1]
         return float(np.ptp(values)) if len(values) else 0.0
 
+    def ticks_since(self, since: float) -> int:
+        """How many ticks of the controller have been heard from then on [s]."""
+        with self._lock:
+            times = self._samples["control"].table()[:, 0]
+        return int(np.unique(times[times >= since]).size)
+
     def record(self, since: float = -math.inf) -> Record:
         """What the controller saw and did at each of its ticks from ``since`` [s] on.
 
