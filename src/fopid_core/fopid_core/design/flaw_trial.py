@@ -33,12 +33,11 @@ LOADS = (2.0, 20.0)
 """Steps of the load that are tried, in dead bands or frictions: one that is nearly swallowed, one that hardly is."""
 MOVE_SHARE = 0.1
 """With a slow actuator steps are tried that take this share of the control's range."""
-WORSE, SETPOINT_WORSE = 1.05, 1.2
-"""By how much more error than what runs new gains may leave; and after a large step of the setpoint, where that is made
-a ramp before a slow actuator."""
+WORSE = 1.05
+"""By how much more error than what runs new gains may leave."""
 KICK_SHARE = 0.5
 """That of the setpoint is not answered with more than this share of it, at the crossover of what runs."""
-SLOWER_YET = 0.7
+SLOWER_YET = 0.85
 """An actuator may be so much slower than it was learnt to be: gains must be borne by that one as well."""
 MORE_GAIN, MOST_LEFT = 2.0, 2.0
 """A process may answer large moves so many times as strongly. At a pace, which takes phase of its own, gains must not
@@ -141,7 +140,7 @@ class FlawTrial:
             error = self._error(loop, move, pace)
             if math.isinf(error):
                 return f"{self._flaws}: after {move.told} the loop runs away"
-            if error > self._allowed(move, pace) * before:
+            if error > _allowed(move) * before:
                 return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""
 
@@ -174,12 +173,6 @@ class FlawTrial:
             for load, times in product(loads, LARGER_LOADS):
                 larger = replace(load, load=times * load.load, told=f"a load of {times * load.load:.2g}")
                 yield larger, self._error(self._running, larger, UNPACED)
-
-    def _allowed(self, move: _Move, pace: Pace) -> float:
-        """How many times the error of what runs may be left."""
-        if move.gain > 1.0:
-            return MOST_LEFT
-        return SETPOINT_WORSE if move.setpoint and pace.setpoint < self._pace.setpoint else WORSE
 
     def pace(self, loop: Loop) -> Pace:
         """What a controller is best held to before an actuator that is slow; no limits before one that is not.
@@ -216,7 +209,7 @@ class FlawTrial:
 
     def _left(self, loop: Loop, pace: Pace, moves: Sequence[_Move]) -> float:
         """Error after moves, beside what may be left, where it is largest."""
-        return max(self._error(loop, move, pace) / (self._allowed(move, pace) * self._before[move]) for move in moves)
+        return max(self._error(loop, move, pace) / (_allowed(move) * self._before[move]) for move in moves)
 
     def _small_loads(self) -> list[_Move]:
         friction = self._flaws.friction
@@ -270,6 +263,11 @@ class FlawTrial:
             if not total < 1e90:
                 return math.inf
         return total
+
+
+def _allowed(move: _Move) -> float:
+    """How many times the error of what runs may be left."""
+    return MOST_LEFT if move.gain > 1.0 else WORSE
 
 
 def _ticks_until_rest(loop: Loop, sample_time: float) -> int:
