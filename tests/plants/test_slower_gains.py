@@ -102,6 +102,7 @@ def test_what_was_not_borne_is_learnt_from(monkeypatch: pytest.MonkeyPatch) -> N
     assert loop.statuses.count("trial") == 2
 
 
+@pytest.mark.slow
 def test_where_slower_ones_do_not_do_either_those_from_before_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     loop, outcome = tuned(monkeypatch, 20.0, 20.0)
     assert (outcome.success, outcome.applied, outcome.rolled_back) == (False, False, True)

@@ -75,6 +75,7 @@ def test_a_look_waits_for_a_record(monkeypatch: pytest.MonkeyPatch) -> None:
     assert outcome.message.startswith("its record is learnt from")
 
 
+@pytest.mark.slow
 def test_it_is_shorter_and_what_is_learnt_is_what_the_whole_experiment_shows() -> None:
     short, made, began = experiment("quadruple_tank", 1)
     whole, _, whole_began = experiment("quadruple_tank", 1, until_known=False)

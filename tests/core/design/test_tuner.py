@@ -248,6 +248,7 @@ def test_with_nothing_specified_no_part_of_the_controller_is_one_that_few_would_
     assert abs(gains.kp) >= 0.1 * abs(complex(gains(1j * w)))
 
 
+@pytest.mark.slow
 def test_in_time_a_practical_controller_may_cost_a_tenth_and_where_it_costs_more_that_is_said() -> None:
     found = tune(TuningRequest(Process.parse("1/s^2"), method="time"))
     assert found.controller.kp > 0.1

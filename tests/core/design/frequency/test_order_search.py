@@ -76,6 +76,7 @@ def test_parts_that_pull_against_each_other_are_sorted_out(gains: tuple[float, .
     assert bool(has_one_sign(np.array([[*gains, 1.0, 1.0]]))[0]) is expected
 
 
+@pytest.mark.slow
 def test_measures_are_those_of_the_loop_written_out() -> None:
     process = read_process("P1")
     specification = FrequencySpecification(1.2, 0.5, Bound(-20.0, 5.0), Bound(-20.0, 0.02), "flatness")

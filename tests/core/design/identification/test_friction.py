@@ -75,6 +75,7 @@ def test_too_little_is_no_friction() -> None:
     assert friction_of(day(0.6, SIZE, 4, seconds=0.9), 1.0) is None
 
 
+@pytest.mark.slow
 def test_ticks_may_come_a_little_early_or_late_and_some_may_be_missing() -> None:
     record = day(0.6, SIZE, 0)
     dice = np.random.default_rng(1)

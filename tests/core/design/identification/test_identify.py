@@ -110,7 +110,7 @@ def test_deviations_are_those_that_repeated_experiments_show(template: str) -> N
 
 
 @pytest.mark.parametrize(
-    "process", [pytest.param(name, marks=[] if name in ("P1", "P2") else pytest.mark.slow) for name in TEST_BENCH]
+    "process", [pytest.param(name, marks=[] if name == "P2" else pytest.mark.slow) for name in TEST_BENCH]
 )
 def test_a_loop_that_starts_with_a_step_is_learnt(process: str) -> None:
     record = closed_loop(process, lambda _: 1.0, 2500, 0.01)

@@ -154,6 +154,7 @@ def test_a_stable_process_that_a_load_disturbs_is_not_taken_for_one_that_runs_aw
     assert not (found.success and found.best.template.startswith("unstable:")), found.message
 
 
+@pytest.mark.slow
 def test_an_open_loop_that_runs_away_is_to_be_stabilised_first() -> None:
     found = identify(open_loop("1/(s-0.3)", np.repeat([0.0, 1.0], 200), 0.05, noise=0.01))
     assert not found.success

@@ -234,6 +234,7 @@ def test_what_cannot_go_together_is_refused() -> None:
             tune(TuningRequest(read_process("P1"), "time", **bad))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_filter_is_not_sought_so_far_below_a_tick_that_the_loop_cannot_be_looked_at() -> None:
     """A motor's speed: PID were given up, since what they make of a filter of a twentieth of a tick takes too long."""
     tick = 0.0005

@@ -40,6 +40,7 @@ def test_each_figure_is_written_in_each_format_at_print_size(figures, tmp_path: 
         assert [float(points) / 72.0 for points in box.groups()] == pytest.approx(inches, abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_same_figure_is_the_same_file(figures, tmp_path: Path) -> None:
     for ending in ("svg", "pdf"):
         for name in ("a", "b"):

@@ -45,6 +45,7 @@ def test_the_table_says_by_how_much_the_specification_is_missed() -> None:
     assert all("short of the phase margin" in record["what it means"] for record in records)
 
 
+@pytest.mark.slow
 def test_our_designs_have_the_margin_and_say_which_bounds_cannot_be_met() -> None:
     designs = tuple(design for printed in printed_designs() for design in our_designs(printed))
     assert len(designs) == 12
