@@ -34,12 +34,16 @@ from fopid_ros.tuner.learning.closed_loop_experiment import ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria
 
 HEAD = (
-    "| plant | gains | IAE setpoint | IAE load | overshoot % | settling s | total variation | tuning took s | safe |\n"
-    "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | --- |"
+    "| plant | gains | IAE setpoint | IAE load | its own | overshoot % | settling s | total variation | tuning took s "
+    "| safe |\n| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |"
 )
 SUMMARY = (
     "| plant | best rule | load IAE, over the rule's | movement, over the rule's | aim met |\n"
     "| --- | --- | ---: | ---: | --- |"
+)
+OWN = (
+    "The same by what the load's step does by itself: the output beside that of a run with the same noise and without\n"
+    "the step. What noise makes of a loop counts as movement of the control already."
 )
 SHORT = {
     ("load",): "more error, but no rule that moves as little leaves less",
@@ -71,7 +75,8 @@ class Row:
     def line(self, name: str) -> str:
         """Of the table."""
         told = " | ".join(
-            self._told(figure) for figure in ("setpoint", "load", "overshoot_pct", "settling", "variation")
+            self._told(figure)
+            for figure in ("setpoint", "load", "load_effect", "overshoot_pct", "settling", "variation")
         )
         lasted = f"{self.lasted:.3g}" if math.isfinite(self.lasted) else "-"
         return f"| {name} | {self.label} | {told} | {lasted} | {'yes' if self.seen.safe else '**no**'} |"
@@ -81,7 +86,7 @@ class Row:
         mean = self.seen.settling if figure == "settling" else self.seen.mean(figure)
         if not math.isfinite(mean):
             return "-"
-        scatter = f" ± {self.seen.scatter(figure):.2g}" if figure in ("setpoint", "load", "variation") else ""
+        scatter = f" ± {self.seen.scatter(figure):.2g}" if figure not in ("overshoot_pct", "settling") else ""
         return f"{mean:.3g}{scatter}"
 
 
@@ -193,23 +198,23 @@ class Verdict:
         return f"| {name} | {' | '.join(beside)} | {'; '.join((met, *self.against))} |"
 
 
-def verdict(compared: list[Row]) -> Verdict:
-    """Who won on a plant; and whether autotuning was as good as the rules at no more movement of the control."""
+def verdict(compared: list[Row], error: str = "load") -> Verdict:
+    """Who won on a plant by that error; and whether autotuning was as good at no more movement of the control."""
     start = compared[0]
     ours = next(row for row in compared if row.label.startswith("autotune"))
     rules = [row for row in compared if row.label.startswith(("SIMC", "AMIGO")) and row.seen.calm]
-    worse = [figure for figure in ("setpoint", "load") if ours.seen.exceeds(start.seen, figure)]
-    against = (f"worse than the start: {' and '.join(worse)}",) if worse else ()
+    worse = [figure for figure in ("setpoint", error) if ours.seen.exceeds(start.seen, figure)]
+    against = (f"worse than the start: {' and '.join(worse).replace('_', ' ')}",) if worse else ()
     against += () if ours.seen.safe else ("unsafe",)
     field = [row for row in compared if "known" not in row.label and row.seen.calm]
-    least = min(field, key=lambda row: row.seen.load, default=start).label
+    least = min(field, key=lambda row: row.seen.mean(error), default=start).label
     if not rules:
         return Verdict(least, "", "", "", against, (), False)
-    best = min(rules, key=lambda row: row.seen.load)
-    load, variation = (_beside(ours.seen, best.seen, figure) for figure in ("load", "variation"))
-    more = tuple(figure for figure in ("load", "variation") if ours.seen.exceeds(best.seen, figure))
+    best = min(rules, key=lambda row: row.seen.mean(error))
+    load, variation = (_beside(ours.seen, best.seen, figure) for figure in (error, "variation"))
+    more = tuple(of for figure, of in ((error, "load"), ("variation",) * 2) if ours.seen.exceeds(best.seen, figure))
     quieter = [row for row in rules if not row.seen.exceeds(ours.seen, "variation")]
-    dominated = "kept" in ours.label or any(ours.seen.exceeds(row.seen, "load") for row in quieter)
+    dominated = "kept" in ours.label or any(ours.seen.exceeds(row.seen, error) for row in quieter)
     return Verdict(least, best.label, load, variation, against, more, dominated)
 
 
@@ -228,11 +233,13 @@ def compared(name: str, seed: int = 1, until_known: bool = True) -> tuple[str, l
 
 def table(found: Mapping[str, list[Row]]) -> str:
     """The page's part that is made."""
-    lines = [BEGIN, "", SUMMARY]
-    verdicts = {name: verdict(seen) for name, seen in found.items()}
-    lines += [each.line(name) for name, each in verdicts.items()]
-    good = sum(each.met for each in verdicts.values())
-    lines += ["", f"The aim is met on {good} of {len(found)}.", "", "## Every figure", "", HEAD]
+    lines = [BEGIN]
+    for error, told in (("load", ()), ("load_effect", ("", OWN))):
+        verdicts = {name: verdict(seen, error) for name, seen in found.items()}
+        good = sum(each.met for each in verdicts.values())
+        lines += [*told, "", SUMMARY, *(each.line(name) for name, each in verdicts.items())]
+        lines += ["", f"The aim is met on {good} of {len(found)}."]
+    lines += ["", "## Every figure", "", HEAD]
     for name, seen in found.items():
         lines += [row.line(name) for row in seen]
     return "\n".join(lines) + "\n"

@@ -33,6 +33,8 @@ class Judgement:
     ----------
     setpoint, load : float
         Integral of the absolute error after each step.
+    load_effect : float
+        That of how far the load's step moves the output, beside a run with the same noise and without it.
     overshoot_pct, settling : float
         Of the setpoint's step; how long after it [s], infinite when not within the horizon.
     variation : float
@@ -45,6 +47,7 @@ class Judgement:
 
     setpoint: float
     load: float
+    load_effect: float
     overshoot_pct: float
     settling: float
     variation: float
@@ -120,16 +123,24 @@ def judge(name: str, settings: Mapping[str, Any], seeds: Sequence[int] = SEEDS) 
     return Judgements(tuple(_run(name, settings, seed) for seed in seeds))
 
 
-def _run(name: str, settings: Mapping[str, Any], seed: int) -> Judgement:
+def _stepped(name: str, settings: Mapping[str, Any], seed: int, load: float) -> tuple[VirtualLoop, int, int]:
+    """The loop after both steps, and at which ticks they began."""
     exhibit = GALLERY[name]
     loop = VirtualLoop(exhibit, seed)
     loop.set(**settings)
     loop.run(BEFORE * exhibit.horizon)
     loop.setpoint += exhibit.move
     first = loop.run(exhibit.horizon)
-    loop.plant.load = exhibit.load
+    loop.plant.load = load
     second = loop.run(exhibit.horizon)
+    return loop, first, second
+
+
+def _run(name: str, settings: Mapping[str, Any], seed: int) -> Judgement:
+    exhibit = GALLERY[name]
+    loop, first, second = _stepped(name, settings, seed, exhibit.load)
     _, setpoint, true, control = loop.trace.part(0)
+    _, _, unloaded, _ = _stepped(name, settings, seed, 0.0)[0].trace.part(second)
     error, dt = np.abs(setpoint - true), exhibit.sample_time
     after = true[first:second] - loop.setpoint
     smooth = np.convolve(after, np.ones(5) / 5.0, mode="valid")  # a drifting sensor and noise are no swings
@@ -140,6 +151,7 @@ def _run(name: str, settings: Mapping[str, Any], seed: int) -> Judgement:
     return Judgement(
         setpoint=float(error[first:second].sum() * dt),
         load=float(error[second:].sum() * dt),
+        load_effect=float(np.abs(true[second:] - unloaded).sum() * dt),
         overshoot_pct=100.0 * float(max(after.max(), 0.0)) / exhibit.move,
         settling=dt * last if last < 0.98 * smooth.size else math.inf,
         variation=float(np.abs(np.diff(control[first:])).sum()),

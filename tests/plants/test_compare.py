@@ -12,7 +12,7 @@ from foreign_plants.gallery import GALLERY
 from judging import SEEDS, Judgement, Judgements, judge
 from step_test import Lags, StepTest, _read, amigo, simc, step_test
 
-SEEN = Judgement(1.0, 1.0, 5.0, 1.0, 10.0, 0.001, True)
+SEEN = Judgement(1.0, 1.0, 1.0, 5.0, 1.0, 10.0, 0.001, True)
 
 
 def test_a_step_reads_lags_and_delay() -> None:
@@ -73,6 +73,13 @@ def test_a_difference_is_one_beyond_its_own_noise_not_beyond_that_of_all_runs() 
     assert tie.met
 
 
+def test_the_verdict_goes_by_the_error_it_is_asked_for() -> None:
+    start, rule, ours = Row("start", seen()), Row("SIMC PI", seen(0.5)), Row("autotune", seen(0.6))
+    assert not verdict([start, rule, ours]).met
+    assert verdict([start, rule, ours], "load_effect").met
+    assert verdict([start, rule, ours], "load_effect").load == "1.00 (a tie)"
+
+
 def test_who_leaves_more_is_dominated_where_a_rule_that_moves_no_more_leaves_less() -> None:
     start, loud, quiet = Row("start", seen()), Row("SIMC PID", seen(0.5)), Row("SIMC PI", seen(0.7, variation=4.0))
     for load, dominated in ((0.6, False), (0.8, True)):
@@ -97,3 +104,14 @@ def test_a_judgement_is_of_the_true_output() -> None:
     assert of_start.mean("setpoint") == pytest.approx(0.72, abs=0.05)
     assert math.isfinite(of_start.settling)
     assert 0.0 < of_start.scatter("load") < 0.1 * of_start.load
+
+
+def test_what_a_load_does_by_itself_is_none_of_the_noises(monkeypatch: pytest.MonkeyPatch) -> None:
+    exhibit = GALLERY["level_tank"]
+    means = []
+    for share in (0.0, 0.5, 1.0):
+        monkeypatch.setitem(GALLERY, "level_tank", replace(exhibit, load=share * exhibit.load))
+        means.append([judge("level_tank", {}, SEEDS[:2]).mean(figure) for figure in ("load", "load_effect")])
+    (noise, none), (_, half), (_, whole) = means
+    assert noise > 0.0 == none
+    assert whole == pytest.approx(2.0 * half, rel=0.05)
