@@ -31,6 +31,9 @@ CLEARLY, SHARPLY, EXACT = 0.25, 5.0, 1e-9
 answers a sample later by so many times as much; one that is off by so little is exact."""
 PART = 0.25
 """A part of a record in which a control moves at each sample shows its law where it is such a share of it."""
+CLOSELY, AS_WELL = 0.002, 2.0
+"""A law that is off by no more is compared with others; one that integrates instead where that is off by no more than
+so many times as much."""
 _AWAY = 1e9
 FEW_SAMPLES = 5_000
 """So many samples of a load's step are looked at, at most."""
@@ -150,20 +153,28 @@ def made_prompt(record: Record) -> Record:
     )  # fmt: skip
 
 
-def _answering(record: Record, late: int = 0) -> tuple[RecordedLaw | None, float]:
-    """The law by which a control answers what was so many samples before, and the share of its range it is off by."""
+def _answering(record: Record, late: int = 0, *, integrates: bool = False) -> tuple[RecordedLaw | None, float]:
+    """The law by which a control answers what was so many samples before, and the share of its range it is off by.
+
+    One that ``integrates`` leaves no offset: it is found from the control's moves.
+    """
     if record.setpoint is None or not np.ptp(record.setpoint) or not record.is_regular:
         return None, math.inf
     if not np.ptp(record.setpoint[LAGS : record.time.size - late]):
         return None, _AWAY  # what does not move is answered at once by a law that answers later
     now = np.arange(LAGS + late, record.time.size)[:, np.newaxis]
-    own = record.control[now - 1 - np.arange(LAGS)]
+    own, before = record.control[now - 1 - np.arange(LAGS)], record.control[now[:, 0] - 1]
+    seen = own[:, :-1] - own[:, 1:] if integrates else own
     others = [signal[now - late - np.arange(LAGS + 1)] for signal in (record.setpoint, record.measurement)]
-    columns = np.hstack([own, *others])
-    matrix, target = columns - columns.mean(axis=0), record.control[LAGS + late :]
+    columns, target = np.hstack([seen, *others]), record.control[LAGS + late :]
+    matrix, wanted = columns - columns.mean(axis=0), target - before * integrates
     sizes = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-    numbers = np.linalg.lstsq(matrix / sizes, target - target.mean(), rcond=1e-9)[0] / sizes
-    others_alone = (columns[:, LAGS:] - columns[:, LAGS:].mean(axis=0)) @ numbers[LAGS:]
+    numbers = np.linalg.lstsq(matrix / sizes, wanted - wanted.mean(), rcond=1e-9)[0] / sizes
+    if integrates:  # u - u1 = c1 (u1 - u2) + c2 (u2 - u3) + ...
+        moves = numbers[: LAGS - 1]
+        numbers = np.concatenate([np.append(moves, 0.0) - np.append(-1.0, moves), numbers[LAGS - 1 :]])
+    rest = np.hstack(others)
+    others_alone = (rest - rest.mean(axis=0)) @ numbers[LAGS:]
     constant = target.mean() - float(own.mean(axis=0) @ numbers[:LAGS])
     poles = np.append(1.0, -numbers[:LAGS])
     told, _ = lfilter([1.0], poles, others_alone + constant, zi=lfiltic([1.0], poles, own[0]))
@@ -212,7 +223,9 @@ def _held_by(
 def beside_what_ran(record: Record, process: Process, tuning: TuningResult) -> float:
     """The error that a design leaves after a load's step, over that of the controller that ran; NaN if nobody knows it.
 
-    On a process, over as long as the record; the law that the record shows stands for what ran.
+    On a process, over as long as the record; the law that the record shows stands for what ran. With few digits in its
+    signals a record hides how much of the control is integral, and what ran looks many times as bad as it was: then
+    nobody knows.
 
     Parameters
     ----------
@@ -222,7 +235,7 @@ def beside_what_ran(record: Record, process: Process, tuning: TuningResult) -> f
     tuning : TuningResult
         With gains.
     """
-    law, h, samples = recorded_law(record, in_part=True), record.sample_time, min(record.time.size, FEW_SAMPLES)
+    law, h, samples = _close_law(record), record.sample_time, min(record.time.size, FEW_SAMPLES)
     if law is None or tuning.controller is None:
         return math.nan
     settings = as_designed(tuning.controller, h, tuning.filter, tuning.weights)
@@ -233,3 +246,13 @@ def beside_what_ran(record: Record, process: Process, tuning: TuningResult) -> f
     except InputError:  # its response is not known
         return math.nan
     return float(np.abs(new.measurement).sum() / ran) if 0.0 < ran < _AWAY else math.nan
+
+
+def _close_law(record: Record) -> RecordedLaw | None:
+    """The law that explains a record or its part closely: one that integrates, where that explains it as well."""
+    for part in _parts(record):
+        free, left = _answering(part)
+        integral, off = _answering(part, integrates=True)
+        if left <= CLOSELY:
+            return integral if off <= AS_WELL * max(left, EXACT) else free
+    return None

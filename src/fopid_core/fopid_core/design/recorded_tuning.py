@@ -294,7 +294,8 @@ def _beside_what_ran(record: Record, process: Process, tuned: RobustTuning) -> s
     """What is said of a design beside the controller that ran, where the record shows that."""
     beside = beside_what_ran(record, process, tuned.tuning) if tuned.tuning else math.nan
     if not math.isfinite(beside):
-        return ""
+        closed = record.setpoint is not None and np.ptp(record.setpoint) > 0.0
+        return "; not compared with the controller that ran, which the record does not show closely" if closed else ""
     return f"; after a load it leaves {beside:.3g} times the error of the controller that ran, as the record shows it"
 
 
