@@ -26,6 +26,8 @@ _FEWEST, _LEVEL = 100, 1.2
 FAR_OFF, MAD, FEW = 10.0, 1.4826, 0.05
 """A value that is so many standard deviations off the others, these told from the median distance, is no noise; such a
 share of all may be."""
+_FEWEST_REPORTS, _ALIKE = 10, 1.5
+"""A measurement told by exception shows so many moves, half of them no larger than so many times the least."""
 _OUTLYING = 5
 """So many samples are compared to tell one that is far off both before and after it."""
 
@@ -39,7 +41,7 @@ class SensorNoise:
     level : float
         Standard deviation, quantisation included; NaN where the measurement nowhere rests.
     step : float
-        In which it is quantised; 0 where nothing speaks for one.
+        In which it is quantised, or by which it has to move to be told; 0 where nothing speaks for one.
     spectrum : NoiseSpectrum or None
         None where it may be white.
     """
@@ -68,7 +70,7 @@ def sensor_noise(record: Record) -> SensorNoise:
     >>> round(found.level, 3), found.step
     (0.01, 0.0)
     """
-    measured, step = record.measurement, resolution(record.measurement)
+    measured, step = record.measurement, reported_step(record.measurement)
     rest = _before_the_first_move(record)
     coloured = noise_at_rest(rest, record.sample_time) if rest is not None else None
     if coloured is not None:
@@ -159,6 +161,33 @@ def resolution(values: Floats) -> float:
     return 0.0 if straight else step
 
 
+def reported_step(values: Floats) -> float:
+    """The step of a quantised signal, or the least by which one moves that is told only when it has moved so far.
+
+    The latter stands still most of the time and then moves at once, now by that and now by a little more.
+
+    Examples
+    --------
+    >>> told, values = 0.0, []
+    >>> for value in np.sin(0.1 * np.arange(200.0)) + 0.01 * np.random.default_rng(0).standard_normal(200):
+    ...     told = float(value) if abs(value - told) >= 0.25 else told
+    ...     values.append(told)
+    >>> resolution(np.array(values)), round(reported_step(np.array(values)), 2)
+    (0.0, 0.25)
+    """
+    step = resolution(values)
+    moves = np.flatnonzero(np.diff(values))
+    if (
+        step
+        or moves.size < _FEWEST_REPORTS
+        or 2 * moves.size > values.size
+        or 2 * np.sum(np.diff(moves) == 1) > moves.size
+    ):
+        return step
+    sizes = np.abs(np.diff(values)[moves])
+    return float(sizes.min()) if np.median(sizes) <= _ALIKE * sizes.min() else 0.0
+
+
 def hidden_by_steps(values: Floats, noise: float) -> float:
     """How far a signal may be off without showing it: half of its step, where there is no noise beside that; else 0.
 
@@ -176,5 +205,5 @@ def hidden_by_steps(values: Floats, noise: float) -> float:
     >>> hidden_by_steps(moved, noise=0.0722), hidden_by_steps(moved, noise=0.1)
     (0.125, 0.0)
     """
-    step = resolution(values)
+    step = reported_step(values)
     return 0.5 * step if noise <= _NOTHING_ELSE * step / math.sqrt(12.0) else 0.0

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from fopid_core.design.identification.noise import resolution
+from fopid_core.design.identification.noise import reported_step
 from fopid_core.errors import InputError
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
 from fopid_ros.tuner.learning.announcement import LONGEST, announcement, usual_time
@@ -339,6 +339,7 @@ class ClosedLoopExperiment:
         """The excitation itself, with the amplitude that was found."""
         excitation = Excitation(self._settings(self._wanted.excitation, self._amplitude, self.duration))
         self._run_excitation(excitation, lambda: 0.1 + 0.5 * excitation.progress, known=lambda _: known(), looks=looks)
+        self._note_resolution()
         return excitation
 
     def settle(self, phase: str, progress: float, borne: float = math.inf) -> float:
@@ -439,7 +440,7 @@ class ClosedLoopExperiment:
 
     def _quantisation(self) -> float:
         """Standard deviation that the steps of the measurement make, as far as it has moved."""
-        return resolution(self._tap.history.newest_values("measurement", SEEN_SAMPLES)) / math.sqrt(12.0)
+        return reported_step(self._tap.history.newest_values("measurement", SEEN_SAMPLES)) / math.sqrt(12.0)
 
     def _run_excitation(
         self, excitation: Excitation, progress: Callable[[], float], enough: float = math.inf,

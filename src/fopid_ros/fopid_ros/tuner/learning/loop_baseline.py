@@ -16,7 +16,7 @@ from fopid_core.design.identification.noise import (
     SensorNoise,
     noise_at_rest,
     outlying_power,
-    resolution,
+    reported_step,
     white_level,
 )
 from fopid_core.errors import InputError
@@ -130,7 +130,7 @@ class LoopBaseline:
 
     def _take_noise(self, measured: Floats) -> None:
         self.samples = measured.size
-        self.noise = max(float(white_level(measured)), resolution(measured) / math.sqrt(12.0))
+        self.noise = max(float(white_level(measured)), reported_step(measured) / math.sqrt(12.0))
         self.spikes = _spikes(measured)
         self.unrest = self.noise
         self.coloured = noise_at_rest(measured, self.controller.sample_time)
