@@ -78,7 +78,7 @@ def sensor_noise(record: Record) -> SensorNoise:
     each = min(max(measured.size // _BLOCKS, _SHORTEST), _LONGEST)
     blocks = measured[: measured.size // each * each].reshape(-1, each)
     levels = white_level(blocks)
-    still = np.std(blocks, axis=1) <= _STILL * levels
+    still = (np.std(blocks, axis=1) <= _STILL * levels) | (np.ptp(blocks, axis=1) == 0.0)
     if not still.any():
         return SensorNoise(math.nan, step)
     return SensorNoise(max(float(np.sqrt(np.mean(levels[still] ** 2))), step / math.sqrt(12.0)), step)
