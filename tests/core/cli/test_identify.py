@@ -112,6 +112,27 @@ def test_spreadsheets_write_csv_in_many_ways(
 
 
 @pytest.mark.parametrize(
+    ("first", "step", "seconds"),
+    [
+        ("46000.5", 1.0 / 1440.0, 60.0),  # a spreadsheet's days
+        ("46000.5", 5.0 / 1440.0, 300.0),
+        ("46000.5", 1.0 / 24.0, 3600.0),
+        ("46000.5", 0.01, 0.01),  # a clock that has run for half a day
+        ("46000.5", 1.0 / 60.0, 1.0 / 60.0),
+        ("46000.5", 1.0 / 128.0, 1.0 / 128.0),
+        ("134000000000000000", 1e7, 1.0),  # since 1601, and since the year 1, in 100 ns
+        ("639000000000000000", 1e7, 1.0),
+        ("1800000000000000000", 1e9, 1.0),
+    ],
+)
+def test_numbers_that_tell_a_date_are_in_its_unit(first: str, step: float, seconds: float, tmp_path: Path) -> None:
+    times = [f"{float(first) + k * step:.8f}" if "." in first else str(int(first) + round(k * step)) for k in range(40)]
+    path = tmp_path / "record.csv"
+    path.write_text("\n".join(["time,control,measurement", *(f"{t},{k > 5:d},{k}" for k, t in enumerate(times))]))
+    assert read_record(path).sample_time == pytest.approx(seconds, rel=1e-3)
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("", "allowed: a first line with time, control, measurement"),

@@ -40,8 +40,9 @@ PREAMBLE = 50
 """So many lines may stand before the header."""
 _DAY = 86400.0
 _EPOCH = 1e8  # times from here on count from 1970, not from the start of a record
-_UNITS_OF_EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
+_UNITS_OF_EPOCHS = ((1e18, 1e-9), (1e17, 1e-7), (1e14, 1e-6), (1e11, 1e-3))  # 1e-7: since 1601, or since the year 1
 _SPREADSHEET, _FASTEST = (20_000.0, 80_000.0), 1e-3  # days since 1900; nearer together they are no seconds
+_MINUTES = np.array([2.0, 3.0, 4.0, 5.0, 6.0, 10.0, 15.0, 20.0, 30.0, 60.0, 120.0, 240.0])  # between rows of such
 
 
 @dataclass(frozen=True)
@@ -281,6 +282,16 @@ def _seconds(time: Floats, header: str, *, numbers: bool) -> Floats:
         raise InputError(f"time in {unit}; allowed: {', '.join(SECONDS)}, as in 'time [s]'")
     guessed = next((factor for least, factor in _UNITS_OF_EPOCHS if first >= least), 1.0)
     in_days = not unit and time.size > 1 and _SPREADSHEET[0] <= first < _SPREADSHEET[1]
-    if in_days and 0.0 < float(np.nanmedian(np.diff(time))) < _FASTEST:
+    if in_days and _are_days(float(np.nanmedian(np.diff(time)))):
         return np.asarray((time - first) * _DAY)
     return np.asarray((time - first * (abs(first) >= _EPOCH)) * SECONDS.get(unit, guessed))
+
+
+def _are_days(step: float) -> bool:
+    """Whether times that may be a spreadsheet's days are such: nearer together than seconds, or by so many minutes.
+
+    A step of five minutes is 0.00347222 days, which no clock makes in seconds; one that it may, as 0.01, is in seconds.
+    """
+    is_decimal = abs(step - round(step, 5)) < 1e-6
+    rows = np.abs(step * _DAY - 60.0 * _MINUTES) < 0.01
+    return 0.0 < step < _FASTEST or bool(rows.any() and not is_decimal)
