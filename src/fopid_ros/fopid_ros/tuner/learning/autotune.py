@@ -468,6 +468,11 @@ class Autotuner:
         deadband, told = hidden_by_steps(record.measurement, self._rest.noise), outcome.message
         if every and outcome.success and deadband > self._controller.deadband:
             told = f"{told}; {counting_as_none(deadband, 'are to count')}"
+        if outcome.success and self._is_livelier(outcome):
+            within = f"the measurement was within {self._experiment.reach.moved:.3g} of {loop.setpoint:.4g}"
+            told = (
+                f"{told}; far livelier than what ran, and learnt while {within}: watch the loop where it goes further"
+            )
         return replace(outcome, deadband=deadband, message=told)
 
     def _try_out(self, trial: Trial) -> Outcome:

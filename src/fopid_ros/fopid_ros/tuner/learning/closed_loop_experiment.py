@@ -461,14 +461,17 @@ class ClosedLoopExperiment:
                 ended.set()
 
         self._tap.set_tick_hook(hook)
-        whole = excitation.settings.duration
+        whole, asked = excitation.settings.duration, excitation.settings
+        told = (
+            f"{asked.kind} of {asked.amplitude:.3g} for {whole:.3g} s, within {loop.deviation_max:.3g} of the setpoint"
+        )
 
         def run_until(share: float) -> bool:
             """Whether it is over when so much of it has been made."""
             self._wait.until(lambda: ended.is_set() or excitation.progress >= share, lambda: Stage(
                 "exciting", progress(), (1.0 - excitation.progress) * whole,
                 self._tap.history.newest("measurement") - loop.setpoint,
-                message=f"{excitation.settings.kind} of {excitation.settings.amplitude:.3g} for {whole:.3g} s",
+                message=told,
             ))  # fmt: skip
             return ended.is_set()
 
