@@ -213,8 +213,10 @@ def _accepted(
         settings, told = replace(settings or ControllerSettings(gains), gains=gains), found.message
     settings = replace(settings, sample_time=h, band=None)
     refusal, verdict = refused(settings.gains)
-    flaws = f"{learnt.flaws}; " if str(learnt.flaws) else ""
-    return (None, refusal) if refusal else (settings, f"{told}; {flaws}{verdict}")
+    if refusal:
+        return None, refusal
+    parts = [told, str(learnt.flaws), doubt if doubt not in told else "", str(verdict)]
+    return settings, "; ".join(part for part in parts if part)
 
 
 def _contradiction(doubt: str, reason: str) -> str:

@@ -146,10 +146,21 @@ class Record:
 
     @property
     def longest_stretch(self) -> Record:
-        """Of the stretches between breaks the one with most samples; all of it where there is no break."""
+        """Of the stretches between breaks the one with most samples; all of it where there is no break.
+
+        Raises
+        ------
+        InputError
+            If even that has too few.
+        """
         edges = [-math.inf, *self.breaks, math.inf]
         inside = [(self.time > first) & (self.time <= last) for first, last in pairwise(edges)]
         times = self.time[max(inside, key=np.count_nonzero)]
+        if len(inside) > 1 and times.size < FEWEST_SAMPLES:
+            most = f"{times.size} of {self.time.size} samples between two gaps"
+            raise InputError(
+                f"{most}; allowed: {FEWEST_SAMPLES} or more; where only changes are told, export at even times"
+            )
         return self if len(inside) == 1 else self.part(float(times[0]), float(times[-1]))
 
     def averaged(self, most: int) -> tuple[Floats, Floats]:

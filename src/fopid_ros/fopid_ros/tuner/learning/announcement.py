@@ -11,8 +11,9 @@ if TYPE_CHECKING:
 TOTAL, UNTIL_KNOWN, UNTIL_PROVED = 2.0, 0.7, 1.9
 """How long it usually takes, in lengths of an experiment: rest and one that is made whole; rest and one that ends when
 enough is known; that with gains tried out, a second round and a proof."""
-LONGEST, LONGEST_PROVED = 3.0, 4.5
-"""No further experiment is begun that would end later than this, in the same lengths; how long with what follows."""
+LONGEST, LONGEST_PROVED = 3.0, 8.5
+"""No further experiment is begun that would end later than this, in the same lengths; with what follows so many have
+been seen, where the loop turned out far slower than its integral time."""
 WORKED_OUT = 20.0
 """How long it usually takes to work gains out [s]; that depends on the computer."""
 
@@ -49,7 +50,8 @@ def announcement(length: float, until_known: bool, proved: bool) -> str:
     most = (LONGEST_PROVED if proved else LONGEST) * length + WORKED_OUT
     parts = "rest, experiments, gains worked out" + (", watched and proved" if proved else "")
     usual = usual_time(length, until_known, proved)
-    return f"about {usual:.3g} s in all ({parts}), up to {most:.3g} s where they say too little"
+    longest = f"up to {most:.3g} s " + ("have been seen" if proved else "where they say too little")
+    return f"about {usual:.3g} s in all ({parts}), {longest}"
 
 
 def planned(
