@@ -170,6 +170,21 @@ def test_it_is_one_round_where_somebody_has_said_so(
     assert len(records) == 1
 
 
+@pytest.mark.parametrize(("times", "told"), [(4.9, False), (5.1, True)])
+def test_gains_that_are_far_livelier_are_told_with_what_they_were_learnt_within(
+    times: float, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """35 times as large, learnt within 0.25 of pH 8.8, they swung for ever at 7.6, and nothing had been said."""
+    monkeypatch.setattr(GainUpdate, "design", lambda *_, **__: found(times, model=SimpleNamespace(crossover=0.05)))
+    loop = VirtualLoop(GALLERY[NAME], SEED)
+    loop.run(100.0)
+    tuner = Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", CRITERIA, False), loop)  # type: ignore[arg-type]
+    tuner._experiment.measure()
+    seen: Any = SimpleNamespace(measurement=np.zeros(0))
+    outcome = tuner._designed(tuner._gain_update, None, seen)  # type: ignore[arg-type]
+    assert ("far livelier than what ran, and learnt while the measurement was within" in outcome.message) == told
+
+
 def test_what_the_first_came_to_stays_where_the_second_finds_nothing(designed: Callable[[Design], list[Any]]) -> None:
     designed(lambda number: found(1.2) if number == 1 else Outcome(message="nothing better"))
     loop, outcome = tuned()

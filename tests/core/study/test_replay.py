@@ -146,6 +146,16 @@ def test_gains_that_the_process_may_not_bear_are_refused_and_some_that_it_bears_
     assert figures(*_signals(day(own.gains))).iae < figures(*_signals(record)).iae
 
 
+@pytest.mark.slow
+def test_where_the_model_contradicts_the_record_that_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was said of gains that were refused, and of none that were not."""
+    doubt = "the model leaves what the record shows without one at 4 of 12 frequencies"
+    monkeypatch.setattr("fopid_core.study.replay.held_to_record", lambda *_: (doubt, lambda *_: ""))
+    found = replay(day(RAN), ControllerSettings(RAN))
+    assert found.success, found.message
+    assert found.message.count(doubt) == 1
+
+
 def test_a_record_that_does_not_show_the_process_is_refused_with_the_reason() -> None:
     still = day(RAN)
     still = with_other(still, control=np.full(400, 0.5), control_before=0.5)

@@ -395,3 +395,11 @@ def test_signals_beyond_what_can_be_squared_are_refused_in_one_line(name: str) -
     found = identify(Record(time, **signals))
     assert not found.success
     assert found.message == f"the {name} reaches 1e+250; allowed: up to 1e+100; leave out where the loop diverged"
+
+
+def test_a_record_without_a_stretch_of_enough_samples_says_so() -> None:
+    """Of 59 rows of a historian that told changes only it was said that 23 samples are too few."""
+    time = np.concatenate([np.arange(20.0) + 500.0 * part for part in range(3)])
+    record = Record(time, (time > 5.0).astype(float), np.minimum(0.1 * time, 3.0))
+    with pytest.raises(InputError, match="20 of 60 samples between two gaps; allowed: 30 or more; where only changes"):
+        identify(record)
