@@ -15,9 +15,8 @@ from fopid_core.design.identification.record import Record
 from fopid_core.design.improvement import LOST, MS_MAX, _is_beaten_by_a_lively_rule, _Trial, improve
 from fopid_core.design.loop_judge import RunningGains
 from fopid_core.design.loop_worth import loop_worth, noise_gain
-from fopid_core.design.robust_verification import RobustLimits, RobustTuning, tune_robustly
+from fopid_core.design.robust_verification import RobustLimits, tune_robustly
 from fopid_core.design.specification import TuningRequest
-from fopid_core.design.tuner import verify
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
@@ -128,19 +127,6 @@ def test_others_are_verified_too_where_they_promise_far_more_than_what_may_be_us
     trial: Any = _Trial(*[None] * 4, judge, lambda _: None, [])  # type: ignore[arg-type]
     trial.make_promising(promises, lost)
     assert verified == expected
-
-
-@pytest.mark.parametrize("worse", ["", "not better than what runs"])
-def test_weights_are_calmer_where_the_gains_are_better_with_them(worse: str) -> None:
-    """In a second round they were taken though no better with them than what ran, whose weights were calm already."""
-    process, gains = Process.parse("1/((s+1)(0.2s+1))"), Fopid(kp=4.0, ki=4.0)
-    chosen = RobustTuning(True, "", verify(TuningRequest(process, sample_time=0.05), gains), None, 1, 0.0)
-    judge: Any = SimpleNamespace(
-        process=process, sample_time=0.05, runs=None, horizon=lambda _: 20.0, too_fast=lambda _: "",
-        worth=lambda _: SimpleNamespace(setpoint=1.0), not_better=lambda _: worse,
-    )  # fmt: skip
-    trial: Any = _Trial(*[None] * 4, judge, lambda _: None, [])  # type: ignore[arg-type]
-    assert (trial.calmed(chosen) is chosen) == bool(worse)
 
 
 def test_only_a_rule_that_leaves_less_and_is_nearer_to_trouble_moves_the_bound_on_ms() -> None:

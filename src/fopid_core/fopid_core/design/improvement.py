@@ -300,8 +300,8 @@ class _Trial:
         loop = loop_of(self.judge.process, tuning)
         held = replace(loop, process=as_held(loop.process, self.judge.sample_time))
         calm = replace(loop, weights=calmest_weights(held, self.judge.horizon(loop)))
-        worth, now = self.judge.worth(calm), self.judge.worth(self.judge.runs)
-        if worth.setpoint > now.setpoint or self.judge.not_better(worth) or self.judge.too_fast(calm):
+        worth = self.judge.worth(calm)
+        if worth.setpoint > self.judge.worth(self.judge.runs).setpoint or self.judge.too_fast(calm):
             return chosen
         tuned = replace(chosen, tuning=replace(tuning, weights=calm.weights))
         self.made[:] = [replace(one, tuned=tuned, worth=worth) if one.tuned is chosen else one for one in self.made]
