@@ -34,7 +34,7 @@ def errors(name: str, **settings: Any) -> tuple[float, float]:
 
 
 @pytest.mark.long
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("name", "slow_end_seen", "seed"),
     [

@@ -175,16 +175,11 @@ def reported_step(values: Floats) -> float:
     >>> resolution(np.array(values)), round(reported_step(np.array(values)), 2)
     (0.0, 0.25)
     """
-    step = resolution(values)
-    moves = np.flatnonzero(np.diff(values))
-    if (
-        step
-        or moves.size < _FEWEST_REPORTS
-        or 2 * moves.size > values.size
-        or 2 * np.sum(np.diff(moves) == 1) > moves.size
-    ):
+    step, moves = resolution(values), np.diff(values)
+    moving = np.flatnonzero(moves)
+    if step or moving.size < _FEWEST_REPORTS or 2 * moving.size > values.size or np.median(np.diff(moving)) < 2.0:
         return step
-    sizes = np.abs(np.diff(values)[moves])
+    sizes = np.abs(moves[moving])
     return float(sizes.min()) if np.median(sizes) <= _ALIKE * sizes.min() else 0.0
 
 
