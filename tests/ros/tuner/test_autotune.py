@@ -117,9 +117,8 @@ def test_an_unknown_plant_is_learnt_tuned_and_handed_over(loops: Any) -> None:
     assert stability(true).stable
     assert margins(true).ms < 2.5
     phases = [f.phase for f in loop.feedback]
-    assert sorted(set(phases), key=phases.index) == [
-        "measuring", "exciting", "identifying", "tuning", "verifying", "applying", "watching"
-    ]  # fmt: skip
+    heard = sorted(set(phases) - {"measuring"}, key=phases.index)  # which is over soon after a rest
+    assert heard == ["exciting", "identifying", "tuning", "verifying", "applying", "watching"]
     assert loop.added[-1].value == 0.0
     assert loop.graph.get("fopid_tuner", "process") == [result.model.process]
     told = loop.graph.listen(TuningResult, "fopid_tuner/result", latched_qos())
