@@ -73,7 +73,10 @@ def tuned(monkeypatch: pytest.MonkeyPatch, *times: float) -> tuple[VirtualLoop, 
     return loop, Autotuner(loop, loop, asked, loop).run()  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("times", "share"), [(6.0, 0.5), pytest.param(9.0, 0.35, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("times", "share"),
+    [pytest.param(6.0, 0.5, marks=pytest.mark.slow), pytest.param(9.0, 0.35, marks=pytest.mark.slow)],
+)
 def test_gains_that_swing_are_taken_back_and_slower_ones_are_proved(
     times: float, share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -219,7 +219,11 @@ def test_what_a_method_cannot_use_is_refused(request_: TuningRequest, message: s
     [
         pytest.param("1/(s(s^2+0.001s+1))", {}, marks=pytest.mark.slow),
         pytest.param("1/(s+1)*exp(-20s)", {}, marks=pytest.mark.slow),
-        ("50/(s^2-900)", {"horizon": 0.5, "sample_time": 0.001, "ms_max": 2.0, "u_max": 3000.0}),
+        pytest.param(
+            "50/(s^2-900)",
+            {"horizon": 0.5, "sample_time": 0.001, "ms_max": 2.0, "u_max": 3000.0},
+            marks=pytest.mark.slow,
+        ),
         ("P2", {"ms_max": 1.4, "noise_max": 10.0}),
     ],
 )

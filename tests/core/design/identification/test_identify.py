@@ -258,7 +258,7 @@ STEP = (TIME > 4.0).astype(float)
         (STEP, np.full_like(TIME, 2.0), "measurement stays at 2: move the control"),
         (0.0 * TIME, RNG.standard_normal(TIME.size), "control stays at 0 (saturated throughout?)"),
         (0.0 * TIME + 2.0, np.exp(-TIME), "move it in steps within its limits"),
-        (STEP, RNG.standard_normal(TIME.size), "too little information"),
+        pytest.param(STEP, RNG.standard_normal(TIME.size), "too little information", marks=pytest.mark.slow),
         pytest.param(STEP, 0.05 * np.cumsum(RNG.standard_normal(TIME.size)), "", marks=pytest.mark.slow),
         pytest.param(
             (TIME > 0.2).astype(float), np.exp(0.3 * TIME) - 1.0, "stabilise the process first", marks=pytest.mark.slow

@@ -53,8 +53,9 @@ def answered(
     return Record(time, np.array(control), np.array(measurement))
 
 
-@pytest.mark.parametrize("noise", [0.005, *slow(0.05)])
-@pytest.mark.parametrize("rate", [*slow(3.0), 7.0, *slow(20.0)])
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.005, 0.05])
+@pytest.mark.parametrize("rate", [3.0, 7.0, 20.0])
 def test_the_rate_of_a_slow_actuator_is_learnt_with_the_process_behind_it(rate: float, noise: float) -> None:
     made = record(rate, noise)
     slow = behind_slow_actuator(made, identify(made))

@@ -13,6 +13,8 @@ from ..browser import NEEDS_BROWSER, open_in_browser
 from ..reports.test_report import Outline
 from .parts import small_reproduction
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def found() -> Reproduction:
