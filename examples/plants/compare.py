@@ -93,7 +93,7 @@ class Row:
 def rows(name: str, seed: int = 1, until_known: bool = True) -> Iterator[Row]:
     """All that is compared on a plant but the best known, autotuning last."""
     exhibit = GALLERY[name]
-    yield Row("start", judge(name, {}))
+    yield Row("start", judge(name, {}, load_effect=True))
     test = step_test(exhibit)
     for rule in ("SIMC PI", "SIMC PID"):
         yield from _simc(name, rule)
@@ -105,7 +105,7 @@ def rows(name: str, seed: int = 1, until_known: bool = True) -> Iterator[Row]:
 def best_known(name: str) -> Iterator[Row]:
     """With what ``best_known.py`` has found."""
     for label, numbers in (json.loads(FILE.read_text()) if FILE.exists() else {}).get(name, {}).items():
-        yield Row(f"best {label} known", judge(name, settings_of(numbers)))
+        yield Row(f"best {label} known", judge(name, settings_of(numbers), load_effect=True))
 
 
 def _simc(name: str, rule: str) -> Iterator[Row]:
@@ -123,7 +123,8 @@ def _simc(name: str, rule: str) -> Iterator[Row]:
 
 
 def _judged(name: str, pid: Pid, safe: bool) -> Judgements:
-    return _also(judge(name, {"gains": Fopid(pid.kp, pid.ki, pid.kd), "derivative_filter_time": pid.filter_time}), safe)
+    settings = {"gains": Fopid(pid.kp, pid.ki, pid.kd), "derivative_filter_time": pid.filter_time}
+    return _also(judge(name, settings, load_effect=True), safe)
 
 
 def _also(seen: Judgements, safe: bool) -> Judgements:
@@ -146,7 +147,7 @@ def autotuned(name: str, seed: int = 1, until_known: bool = True) -> Row:
     except (InputError, TooLongError) as error:
         success, message = False, str(error)
     low, high = exhibit.unsafe
-    seen = judge(name, loop.tuned_settings())
+    seen = judge(name, loop.tuned_settings(), load_effect=True)
     safe = low < min(loop.trace.true) and max(loop.trace.true) < high
     return Row(
         "autotune" if success else "autotune (kept the start)", _also(seen, safe),
@@ -204,7 +205,9 @@ def verdict(compared: list[Row], error: str = "load") -> Verdict:
     ours = next(row for row in compared if row.label.startswith("autotune"))
     rules = [row for row in compared if row.label.startswith(("SIMC", "AMIGO")) and row.seen.calm]
     worse = [figure for figure in ("setpoint", error) if ours.seen.exceeds(start.seen, figure)]
-    against = (f"worse than the start: {' and '.join(worse).replace('_', ' ')}",) if worse else ()
+    against = (
+        (f"worse than the start: {' and '.join(worse).replace('load_effect', 'what a load does')}",) if worse else ()
+    )
     against += () if ours.seen.safe else ("unsafe",)
     field = [row for row in compared if "known" not in row.label and row.seen.calm]
     least = min(field, key=lambda row: row.seen.mean(error), default=start).label

@@ -34,7 +34,8 @@ class Judgement:
     setpoint, load : float
         Integral of the absolute error after each step.
     load_effect : float
-        That of how far the load's step moves the output, beside a run with the same noise and without it.
+        That of how far the load's step moves the output, beside a run with the same noise and without it; NaN where
+        nobody asked for that second run.
     overshoot_pct, settling : float
         Of the setpoint's step; how long after it [s], infinite when not within the horizon.
     variation : float
@@ -118,9 +119,14 @@ class Judgements:
         return not more.mean() <= STANDARD_ERRORS * error  # what is not a number is no tie
 
 
-def judge(name: str, settings: Mapping[str, Any], seeds: Sequence[int] = SEEDS) -> Judgements:
-    """Run the plant of that name with settings of the controller other than its own, once with each noise."""
-    return Judgements(tuple(_run(name, settings, seed) for seed in seeds))
+def judge(
+    name: str, settings: Mapping[str, Any], seeds: Sequence[int] = SEEDS, *, load_effect: bool = False
+) -> Judgements:
+    """Run the plant of that name with settings of the controller other than its own, once with each noise.
+
+    For the ``load_effect`` once more, without the load.
+    """
+    return Judgements(tuple(_run(name, settings, seed, load_effect) for seed in seeds))
 
 
 def _stepped(name: str, settings: Mapping[str, Any], seed: int, load: float) -> tuple[VirtualLoop, int, int]:
@@ -136,11 +142,14 @@ def _stepped(name: str, settings: Mapping[str, Any], seed: int, load: float) -> 
     return loop, first, second
 
 
-def _run(name: str, settings: Mapping[str, Any], seed: int) -> Judgement:
+def _run(name: str, settings: Mapping[str, Any], seed: int, load_effect: bool) -> Judgement:
     exhibit = GALLERY[name]
     loop, first, second = _stepped(name, settings, seed, exhibit.load)
     _, setpoint, true, control = loop.trace.part(0)
-    _, _, unloaded, _ = _stepped(name, settings, seed, 0.0)[0].trace.part(second)
+    effect = math.nan
+    if load_effect:
+        _, _, unloaded, _ = _stepped(name, settings, seed, 0.0)[0].trace.part(second)
+        effect = float(np.abs(true[second:] - unloaded).sum()) * exhibit.sample_time
     error, dt = np.abs(setpoint - true), exhibit.sample_time
     after = true[first:second] - loop.setpoint
     smooth = np.convolve(after, np.ones(5) / 5.0, mode="valid")  # a drifting sensor and noise are no swings
@@ -151,7 +160,7 @@ def _run(name: str, settings: Mapping[str, Any], seed: int) -> Judgement:
     return Judgement(
         setpoint=float(error[first:second].sum() * dt),
         load=float(error[second:].sum() * dt),
-        load_effect=float(np.abs(true[second:] - unloaded).sum() * dt),
+        load_effect=effect,
         overshoot_pct=100.0 * float(max(after.max(), 0.0)) / exhibit.move,
         settling=dt * last if last < 0.98 * smooth.size else math.inf,
         variation=float(np.abs(np.diff(control[first:])).sum()),

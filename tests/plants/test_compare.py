@@ -104,6 +104,7 @@ def test_a_judgement_is_of_the_true_output() -> None:
     assert of_start.mean("setpoint") == pytest.approx(0.72, abs=0.05)
     assert math.isfinite(of_start.settling)
     assert 0.0 < of_start.scatter("load") < 0.1 * of_start.load
+    assert math.isnan(of_start.mean("load_effect")), "for which it runs twice"
 
 
 def test_what_a_load_does_by_itself_is_none_of_the_noises(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,7 +112,8 @@ def test_what_a_load_does_by_itself_is_none_of_the_noises(monkeypatch: pytest.Mo
     means = []
     for share in (0.0, 0.5, 1.0):
         monkeypatch.setitem(GALLERY, "level_tank", replace(exhibit, load=share * exhibit.load))
-        means.append([judge("level_tank", {}, SEEDS[:2]).mean(figure) for figure in ("load", "load_effect")])
+        judged = judge("level_tank", {}, SEEDS[:2], load_effect=True)
+        means.append([judged.mean(figure) for figure in ("load", "load_effect")])
     (noise, none), (_, half), (_, whole) = means
     assert noise > 0.0 == none
     assert whole == pytest.approx(2.0 * half, rel=0.05)

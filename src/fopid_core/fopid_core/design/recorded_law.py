@@ -252,7 +252,7 @@ def _close_law(record: Record) -> RecordedLaw | None:
     """The law that explains a record or its part closely: one that integrates, where that explains it as well."""
     for part in _parts(record):
         free, left = _answering(part)
-        integral, off = _answering(part, integrates=True)
         if left <= CLOSELY:
+            integral, off = _answering(part, integrates=True)
             return integral if off <= AS_WELL * max(left, EXACT) else free
     return None
