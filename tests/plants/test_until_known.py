@@ -75,6 +75,35 @@ def test_a_look_waits_for_a_record(monkeypatch: pytest.MonkeyPatch) -> None:
     assert outcome.message.startswith("its record is learnt from")
 
 
+class ByException(Sensor):
+    """Tells what is a fiftieth away from what it told last."""
+
+    told = 0.0
+
+    def read(self, value: float, dt: float) -> float:
+        read = super().read(value, dt)
+        self.told = read if abs(read - self.told) >= 0.02 else self.told
+        return self.told
+
+
+class ToldByException(TwoLags):
+    """It stands still at rest: no noise is heard there."""
+
+    def make_sensor(self) -> Sensor:
+        return ByException(noise=0.002)
+
+
+def test_a_sensor_that_tells_changes_only_has_noise_once_it_was_moved() -> None:
+    loop = VirtualLoop(Exhibit(ToldByException, 0.05, (2.0, 4.0, 0.0), 1.0, 0.5, 10.0, (-5.0, 5.0)), 1)
+    loop.run(10.0)
+    baseline = LoopBaseline(read_running_controller(loop))
+    made = ClosedLoopExperiment(loop, loop, baseline, ExperimentSettings(amplitude=0.2, deviation_max=0.8))
+    made.measure()
+    assert made.loop.noise == 0.0
+    assert not made.excite()
+    assert made.loop.noise == pytest.approx(0.02 / math.sqrt(12.0), rel=0.1)
+
+
 @pytest.mark.slow
 def test_it_is_shorter_and_what_is_learnt_is_what_the_whole_experiment_shows() -> None:
     short, made, began = experiment("quadruple_tank", 1)
