@@ -365,14 +365,16 @@ def _told(best: IdentifiedModel) -> str:
     return f"{told}; the noise has memory" if best.in_coloured_noise else told
 
 
-def _in_coloured_noise(record: Record, best: IdentifiedModel) -> IdentifiedModel:
+def _in_coloured_noise(record: Record, best: IdentifiedModel, noise: float) -> IdentifiedModel:
     """The same structure, where an autoregression makes white what it leaves, and it explains enough; else the model.
 
-    Only where the noise is so large that it matters, and the record has even samples, not too many.
+    Only where the noise is so large that it matters, which it is to a process that runs away wherever that is not sure
+    otherwise, and the record has even samples, not too many.
     """
     found = best.fitted
     every = record.is_regular and found.rows.size == record.time.size
-    if not explains_little(best) or not every:
+    matters = explains_little(best) or (best.structure.runs_away and bool(refusal_of(record, best, noise)))
+    if not matters or not every:
         return best
     judges = validation_samples(found.rows.size)
     trained, _ = fit_in_coloured_noise(record, found, ~judges)
@@ -385,10 +387,10 @@ def _in_any_noise(
     record: Record, best: IdentifiedModel, runaways: tuple[IdentifiedModel, ...], noise: float
 ) -> IdentifiedModel:
     """The best in coloured noise, or one that runs away: noise of its own control may hide what holds it."""
-    found = _in_coloured_noise(record, best)
+    found = _in_coloured_noise(record, best, noise)
     if not runaways or not refusal_of(record, found, noise):
         return found
-    held = _in_coloured_noise(record, _preferred(runaways))
+    held = _in_coloured_noise(record, _preferred(runaways), noise)
     return found if refusal_of(record, held, noise) else held
 
 
