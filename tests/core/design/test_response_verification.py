@@ -11,7 +11,12 @@ import pytest
 from fopid_core.design.identification.frequency_response import FrequencyResponse, frequency_response
 from fopid_core.design.identification.record import Record
 from fopid_core.design.recorded_tuning import tune_recorded
-from fopid_core.design.response_verification import contradicts, held_to_record, held_without_a_model
+from fopid_core.design.response_verification import (
+    contradicts,
+    held_to_record,
+    held_without_a_model,
+    surely_without_a_model,
+)
 from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.sampled_loop import sampled_process
 from fopid_core.design.specification import TuningRequest
@@ -26,6 +31,7 @@ from fopid_core.runtime.controller import ControllerSettings, FopidController
 from fopid_core.runtime.plant import Plant, PlantSettings
 
 from .identification.frequency_response_campaign import record as campaign_record
+from .identification.recorded import open_loop
 from .response_verification_campaign import judged
 
 TRUE, H = Process.parse("1/(s+1)^3"), 0.2
@@ -69,6 +75,30 @@ def test_the_bound_is_over_the_whole_disc() -> None:
     seen = FrequencyResponse(w, response, radius, H, 10)
     assert held_without_a_model(seen, TRUE, 1.001 * worst)(tuning.controller, tuning.filter) == ""
     assert held_without_a_model(seen, TRUE, 0.999 * worst)(tuning.controller, tuning.filter)
+
+
+def test_what_is_sure_is_sure_over_a_wider_disc() -> None:
+    w = np.geomspace(0.1, 5.0, 15)
+    response, radius = np.asarray(TRUE(1j * w)), 0.1 * np.abs(TRUE(1j * w))
+    loop = Fopid(3.0, 1.0)(1j * w)
+    circle = 1.5 * np.exp(2j * np.pi * np.arange(720) / 720)
+    points = np.abs(1.0 + loop[:, None] * (response[:, None] + radius[:, None] * circle))
+    least = float((1.0 / points.max(axis=1)).max())
+    seen = FrequencyResponse(w, response, radius, 1e-3, 10)
+    assert surely_without_a_model(seen, 1.01 * least)(Fopid(3.0, 1.0), NO_FILTER) == ""
+    assert surely_without_a_model(seen, 0.99 * least)(Fopid(3.0, 1.0), NO_FILTER)
+
+
+@pytest.mark.parametrize(("kp", "refused"), [(0.5, ""), (1.0, "max |S| above 2.2 at 2.0"), (2.0, "unstable")])
+def test_a_resonance_between_the_frequencies_at_which_the_model_is_held_is_seen(kp: float, refused: str) -> None:
+    """With a model of one lag the loops have max |S| of 1.5, 2.6 and 15, told as 1.2."""
+    true, model = "(0.183s^2+0.039s+1)/((0.238s^2+0.039s+1)(2s+1))", Process.parse("1/(2s+1)*exp(-0.2s)")
+    signals = open_loop(true, np.repeat(np.random.default_rng(5).choice([-1.0, 1.0], 400), 6), 0.1, noise=0.005)
+    gains = Fopid(kp, 0.3 * kp)
+    learnt: Any = SimpleNamespace(fit_pct=95.0, process=model, loads=())
+    against = held_to_record(signals, learnt, 2.2)[1](gains, NO_FILTER)
+    assert against.startswith(refused)
+    assert bool(against) == (margins(Loop(Process.parse(true), gains)).ms > 2.2)
 
 
 @pytest.mark.parametrize("kp", [4.0, 12.0, 30.0, 100.0])

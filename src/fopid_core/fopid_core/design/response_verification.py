@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fopid_core.design.identification.frequency_response import FrequencyResponse, frequency_response
+from fopid_core.design.identification.frequency_response import POINTS, FrequencyResponse, frequency_response
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
@@ -26,6 +26,10 @@ BEYOND = 0.05
 """A model leaves a region when it is further out than this share of the response, besides."""
 _GAP = 2
 """Samples that are left out where a load came, which no past tells."""
+_FINER = 8
+"""Gains are held to the response at so many times the frequencies that a model is: a resonance may stand between."""
+_SURE = 1.5
+"""So many times the radius of 95 of 100, where one of many frequencies may speak against gains."""
 _HIGHER = 40
 """So many frequencies beyond the last that is known are looked at, up to the Nyquist frequency."""
 FEWEST, SHARE = 3, 0.3
@@ -111,8 +115,8 @@ def runs_away_instead(record: Record, learnt: IdentifiedModel, noise: float) -> 
     return found if found.success and found.best and not doubt_of(record, found.best) else None
 
 
-def _seen(record: Record, learnt: IdentifiedModel) -> FrequencyResponse:
-    return frequency_response(_cut(record, learnt.loads))
+def _seen(record: Record, learnt: IdentifiedModel, points: int = POINTS) -> FrequencyResponse:
+    return frequency_response(_cut(record, learnt.loads), points)
 
 
 Judge = Callable[[Fopid | None, MeasurementFilter], str]
@@ -136,20 +140,21 @@ def held_to_record(
     Returns
     -------
     doubt : str
-        Empty where the record does not contradict the process: the judge finds nothing then.
+        Empty where the record does not contradict the process: the judge finds only what is sure then.
     judge : callable
         Of designs for that process.
 
     See Also
     --------
-    held_without_a_model : What the judge asks.
+    held_without_a_model, surely_without_a_model : What the judge asks.
     """
     seen = _seen(record, learnt)
     doubt = contradicts(seen, learnt.process)
+    fine = _seen(record, learnt, _FINER * POINTS)
     if not doubt:
-        return doubt, no_objection
+        return doubt, surely_without_a_model(fine, ms_max, sample_time)
     wrong = learnt.fit_pct < LEAST_FIT or bool(contradicts(seen, learnt.process, MOSTLY))
-    return doubt, held_without_a_model(seen, learnt.process, ms_max, sample_time, wrong=wrong)
+    return doubt, held_without_a_model(fine, learnt.process, ms_max, sample_time, wrong=wrong)
 
 
 def contradicts_rest(process: Process, gains: Fopid, sample_time: float, slow: MeasurementFilter = NO_FILTER) -> str:
@@ -194,6 +199,53 @@ def no_objection(_: Fopid | None, __: MeasurementFilter) -> str:
     return ""
 
 
+def surely_without_a_model(response: FrequencyResponse, ms_max: float, sample_time: float = 0.0) -> Judge:
+    """A judge of designs for a process that does not contradict the response: a narrow resonance stands in few of them.
+
+    Only where |S| is beyond its bound for all of a disc with ``_SURE`` times the radius, 1 / (|1 + C F G| + |C F| r).
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+    ms_max : float
+    sample_time : float
+        Of the controller [s]; 0 for that of the response.
+
+    Examples
+    --------
+    >>> w = np.geomspace(0.1, 5.0, 15)
+    >>> seen = FrequencyResponse(w, 1.0 / (1j * w + 1.0) ** 3, np.full(15, 0.01), 0.01, 10)
+    >>> judge = surely_without_a_model(seen, 2.2)
+    >>> judge(Fopid(3.0, 1.0), NO_FILTER), judge(Fopid(1.0, 0.4), NO_FILTER)
+    ('max |S| above 2.2 at 1.24 rad/s, by what the record shows without a model', '')
+    """
+    w, seen, radius = _behind_hold(response, sample_time)
+
+    def judge(gains: Fopid | None, slow: MeasurementFilter) -> str:
+        if gains is None or not w.size:
+            return ""
+        controller = gains(1j * w) * slow(1j * w)
+        return _beyond(w, np.abs(1.0 + controller * seen) + _SURE * np.abs(controller) * radius, ms_max)
+
+    return judge
+
+
+def _behind_hold(response: FrequencyResponse, sample_time: float) -> tuple[Floats, Complexes, Floats]:
+    """Where the response is known, it and its radius, behind the hold of the controller instead of its own."""
+    known = response.known
+    w = response.frequency[known]
+    held = _hold(w, sample_time or response.sample_time) / _hold(w, response.sample_time)
+    return w, response.response[known] * held, response.radius[known] * np.abs(held)
+
+
+def _beyond(frequency: Floats, nearest: Floats, ms_max: float) -> str:
+    """What is said where a loop comes nearer to -1 than its bound allows."""
+    worst = int(np.argmin(nearest))
+    if nearest[worst] * ms_max >= 1.0:
+        return ""
+    return f"max |S| above {ms_max:g} at {frequency[worst]:.3g} rad/s, by what the record shows without a model"
+
+
 def held_without_a_model(
     response: FrequencyResponse, process: Process, ms_max: float, sample_time: float = 0.0, *, wrong: bool = False
 ) -> Judge:
@@ -203,7 +255,6 @@ def held_without_a_model(
     continuous time and G behind the hold of the controller. From the lowest to the highest of them, 1 + C F G may not
     go around the origin otherwise than the process's own (Nyquist). Beyond the highest, where a delay that the process
     lacks may turn it further, no design may have a loop gain above 1, the process taken for a lag from there on.
-    Nothing is said between the frequencies.
 
     Parameters
     ----------
@@ -236,9 +287,8 @@ def held_without_a_model(
     'it works below 0.1 rad/s, where the record shows nothing without a model'
     """
     known = response.known
-    w = response.frequency[known]
-    held = _hold(w, sample_time or response.sample_time) / _hold(w, response.sample_time)
-    seen, radius = response.response[known] * held, response.radius[known] * np.abs(held)
+    w, seen, radius = _behind_hold(response, sample_time)
+    held = seen / response.response[known]
     learnt = response.model(process)[known] * held
     beyond = w[-1] * np.geomspace(1.0, max(np.pi / (w[-1] * response.sample_time), 1.0), _HIGHER)
     largest = (abs(response.response[known][-1]) + response.radius[known][-1]) * w[-1] / beyond
@@ -254,11 +304,7 @@ def held_without_a_model(
             return f"it works below {w[0]:.3g} rad/s, where the record shows nothing without a model"
         if (np.abs(gains(1j * beyond) * slow(1j * beyond)) * largest).max() > 1.0:
             return f"it works beyond {w[-1]:.3g} rad/s, where the record shows nothing without a model"
-        nearest = np.abs(1.0 + controller * seen) - np.abs(controller) * radius
-        worst = int(np.argmin(nearest))
-        if nearest[worst] * ms_max >= 1.0:
-            return ""
-        return f"max |S| above {ms_max:g} at {w[worst]:.3g} rad/s, by what the record shows without a model"
+        return _beyond(w, np.abs(1.0 + controller * seen) - np.abs(controller) * radius, ms_max)
 
     return judge
 
