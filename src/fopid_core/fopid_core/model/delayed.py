@@ -54,7 +54,8 @@ class Delayed:
         line, modes = _modes(transforms, horizon)
         rate = max(rate, float(np.abs(modes.poles).max(initial=0.0)), 2.0 * line)
         settled = _settled(transforms)
-        whole = transforms.characteristic.has_integer_orders and bool(np.all(np.isfinite(settled)))
+        of_whole_orders = all(part.has_integer_orders for part in (transforms.characteristic, *transforms.numerators))
+        whole = of_whole_orders and bool(np.all(np.isfinite(settled)))  # else it fades as a power of time
         settled = settled if whole else np.zeros(2)
         starts = modes.at_infinity(int(_HIGHEST_POWER)) + settled[:, None] * np.eye(1, int(_HIGHEST_POWER))
         sudden = tuple(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,7 @@ class ModelPlant:
     ----------
     name : str
         ``package.module:Class``. It is made anew by each reset; a number called ``measurement`` or ``output``, where it
-        has one, is its output at the beginning.
+        has one, is its output at the beginning. An array of one number is one as well.
     settings : PlantSettings
         Of which the sample time, the noise, its seed, the factor and, without that number, the initial output count.
 
@@ -39,14 +41,19 @@ class ModelPlant:
 
     def reset(self) -> None:
         """A new model; the noise starts anew."""
+        self._model = self._asked("the class", self._make)
         try:
-            self._model = self._make()
+            inspect.signature(self._model.step).bind(0.0, self._settings.sample_time)
         except TypeError as error:
-            raise InputError(f"model = {self._name!r}: {error}; allowed: {ALLOWED}") from None
+            raise InputError(f"model = {self._name!r}: step(u, dt): {error}; allowed: {ALLOWED}") from None
+        except ValueError:  # an extension's own function does not tell its arguments
+            pass
         self._noise = np.random.default_rng(self._settings.seed)
-        known = (getattr(self._model, attribute, None) for attribute in ("measurement", "output"))
-        numbers = [value for value in known if isinstance(value, int | float)]
-        self._keep((*numbers, self._settings.initial_output)[0])
+        known = (
+            self._asked(name, lambda name=name: getattr(self._model, name, None)) for name in ("measurement", "output")
+        )
+        begins = [value for value in known if value is not None and not callable(value)]
+        self._keep((*begins, self._settings.initial_output)[0])
 
     def step(self, control: float, disturbance: float = 0.0) -> float:
         """Hold ``control + disturbance`` for one sample time; return the measurement after it.
@@ -54,20 +61,37 @@ class ModelPlant:
         Raises
         ------
         InputError
-            If the model returns no finite number.
+            If the model fails, or returns no finite number.
         """
-        self._keep(self._model.step(self.gain_factor * (control + disturbance), self._settings.sample_time))
+        u, dt = self.gain_factor * (control + disturbance), self._settings.sample_time
+        self._keep(self._asked(f"step({u:.6g}, {dt:.6g})", lambda: self._model.step(u, dt)))
         return self.measurement
 
-    def _keep(self, output: Any) -> None:
+    def _asked(self, what: str, ask: Callable[[], Any]) -> Any:
+        """What somebody else's code gives, whatever goes wrong in it."""
         try:
-            self.output = float(output)
-        except (TypeError, ValueError):
-            self.output = math.nan
-        if not math.isfinite(self.output):
+            return ask()
+        except (Exception, SystemExit) as error:
+            raise InputError(f"model = {self._name!r}: {what}: {_told(error)}; allowed: {ALLOWED}") from error
+
+    def _keep(self, output: Any) -> None:
+        value = _number(output)
+        if not math.isfinite(value):
             raise InputError(f"model = {self._name!r} gave {output!r}; allowed: a finite number")
-        noise = self._settings.noise_std
+        self.output, noise = value, self._settings.noise_std
         self.measurement = self.output + (noise * float(self._noise.standard_normal()) if noise else 0.0)
+
+
+def _number(value: Any) -> float:
+    """A number, or an array of one; NaN for anything else."""
+    try:
+        return math.nan if isinstance(value, str | bytes) else float(np.asarray(value, dtype=float).item())
+    except (TypeError, ValueError):
+        return math.nan
+
+
+def _told(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"
 
 
 def model_class(name: str) -> Any:
@@ -81,8 +105,8 @@ def model_class(name: str) -> Any:
     module, _, attribute = name.partition(":")
     try:
         found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(f"model = {name!r}: {error}; allowed: {ALLOWED}") from None
+    except (Exception, SystemExit) as error:  # a module runs whatever it likes
+        raise InputError(f"model = {name!r}: {_told(error)}; allowed: {ALLOWED}") from error
     if not callable(getattr(found, "step", None)):
         raise InputError(f"model = {name!r} has no step(u, dt); allowed: {ALLOWED}")
     return found

@@ -58,6 +58,7 @@ RESEND_AFTER = 0.2  # wall time [s] without an answer in lockstep after which th
 
 TOLD_FROM = 1e-4  # of a step's response: an error that is told
 
+FAILURE_PERIOD = 10.0  # one line about a plant that fails, or is too slow, in so much time [s]
 CLOCK_PERIOD = 0.01  # wall time [s] between two /clock messages while lockstep runs; at every stop there is one
 
 
@@ -89,7 +90,8 @@ class PlantSimulator(ManagedNode):
         self._pending = PendingValues()
         self._advances = Advances(self.background)
         self._sample = self._sample_before = self._standing = 0
-        self._refused = 0
+        self._refused = self._failed = 0
+        self._failure = ""
         self.timer: Timer | None = None
         self._create_endpoints(values)
 
@@ -125,8 +127,10 @@ class PlantSimulator(ManagedNode):
         self.open_diagnostics()
 
     def health(self) -> tuple[str, list[tuple[bytes, str]], dict[str, object]]:
-        unheard = [(DiagnosticStatus.WARN, text) for text in self._message_types.check()]
-        return "simulating" if self.timer is not None else "inactive", unheard, {"refused values": self._refused}
+        problems = [(DiagnosticStatus.WARN, text) for text in self._message_types.check()]
+        problems += [(DiagnosticStatus.ERROR, self._failure)] * bool(self._failure)
+        facts: dict[str, object] = {"refused values": self._refused, "failures of the plant": self._failed}
+        return "simulating" if self.timer is not None else "inactive", problems, facts
 
     def apply(self, values: dict[str, Any]) -> None:
         self._plant.gain_factor = values["gain_factor"]
@@ -175,6 +179,18 @@ class PlantSimulator(ManagedNode):
             self.timer = None
         self._advances.answer(self.time, -math.inf, "the plant was deactivated")
 
+    def _advance(self) -> bool:
+        """Whether the plant has come a sample further; a model that fails does not, and that is told."""
+        try:
+            self._plant.step(self._control, self._disturbance)
+        except InputError as error:
+            self._failed, self._failure = self._failed + 1, str(error)
+            if self.guard.is_due(("plant",), FAILURE_PERIOD):
+                self.get_logger().error(f"{error} (no measurement, {self._failed} times so far)")
+            return False
+        self._failure = ""
+        return True
+
     # Lockstep: y_k is answered by u_k, stamped alike; the answer makes y_(k+1).
 
     def _send(self) -> None:
@@ -200,7 +216,8 @@ class PlantSimulator(ManagedNode):
         take_pending_messages(self._disturbances)
         for value in self._pending.due(current):
             self._disturbance = value
-        self._plant.step(self._control, self._disturbance)
+        if not self._advance():
+            return
         self._sample += 1
         self._send()
         self._publish_clock()
@@ -243,7 +260,13 @@ class PlantSimulator(ManagedNode):
     # Realtime: the timer makes the samples, the newest control is held in between.
 
     def _tick(self) -> None:
-        self._plant.step(self._control, self._disturbance)
+        began = time.monotonic()
+        if not self._advance():
+            return
+        took, period = time.monotonic() - began, 1e-9 * self._period_ns
+        if took > period and self.guard.is_due(("slow step",), FAILURE_PERIOD):
+            told = f"one step of the plant took {took:.3g} s: it runs behind"
+            self.get_logger().warning(f"{told}; allowed: less than sample_time = {period:g} s")
         self._sample += 1
         self._publisher.publish(self._write(self._plant.measurement, self.get_clock().now().nanoseconds))
 
@@ -277,7 +300,11 @@ class PlantSimulator(ManagedNode):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._advances.answer(self.time, -math.inf, "the plant was reset")
-        self._plant.reset()
+        try:
+            self._plant.reset()
+        except InputError as error:
+            response.message = str(error)
+            return response
         self._pending = PendingValues()
         self._sample = 0
         self._control = self._disturbance = 0.0
