@@ -5,6 +5,7 @@ Every message names the input, its value and what is allowed, in one line.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 
@@ -13,7 +14,18 @@ class InputError(ValueError):
 
 
 class UnknownResponseError(InputError):
-    """A response that is asked for and cannot be had to an accuracy that is known."""
+    """A response that is asked for and cannot be had to an accuracy that is known.
+
+    Attributes
+    ----------
+    reason : str
+        Why, without what was asked for and what is allowed.
+    """
+
+    def __init__(self, reason: str, allowed: str = "", horizon: float = math.nan) -> None:
+        self.reason = reason
+        asked = f"horizon = {horizon:g} s: " if math.isfinite(horizon) else ""
+        super().__init__(f"{asked}{reason}{f'; allowed: {allowed}' if allowed else ''}")
 
 
 class ExpressionError(InputError):

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fopid_core.design.identification.frequency_response import FrequencyResponse, frequency_response
+from fopid_core.design.identification.frequency_response import FrequencyResponse, contradicts, frequency_response
 from fopid_core.design.identification.record import Record
 from fopid_core.design.recorded_tuning import tune_recorded
 from fopid_core.design.response_verification import (
-    contradicts,
     held_to_record,
     held_without_a_model,
     surely_without_a_model,

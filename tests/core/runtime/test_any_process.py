@@ -8,6 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from fopid_core.errors import InputError
 from fopid_core.model.process import Process
 from fopid_core.runtime.convolved_plant import ConvolvedPlant, plant_of
 from fopid_core.runtime.plant import PlantSettings
@@ -67,6 +68,21 @@ def test_the_step_response_is_exact_to_1e_minus_6_at_every_sample_looked_at(proc
     with mpmath.workdps(25):
         for k in (1, 2, 11, 60):
             assert found[k - 1] == pytest.approx(exact(h * k, *parts), abs=1e-6 * np.abs(found).max()), k
+
+
+def test_an_unstable_process_runs_as_long_as_its_response_is_known() -> None:
+    """A pole at 3^(1/1.2) = 2.5 rad/s."""
+    plant = plant_of(PlantSettings(Process.parse("1/(s^1.2-3)"), 0.05))
+    found = [plant.step(1.0) for _ in range(60)]
+    with mpmath.workdps(25):
+        for k in (1, 40, 60):
+            true = mpmath.invertlaplace(lambda s: 1 / (s**1.2 - 3) / s, 0.05 * k, method="talbot")
+            assert found[k - 1] == pytest.approx(float(true), rel=1e-6), k
+    with pytest.raises(
+        InputError, match=r"process 1/\(s\^1.2 - 3\): within .* grows by more than .* sample_time = 0.05"
+    ):
+        for _ in range(5000):
+            plant.step(0.0)
 
 
 def test_a_jump_at_a_sample_is_seen_after_it_as_the_plant_with_a_state_does() -> None:

@@ -49,6 +49,8 @@ CLEAR = 0.95
 """Share of the bound that is aimed at where a design broke it."""
 FAR_OVER = 25.0
 """An overshoot [%] that nobody is to find out on the plant."""
+MUCH_WORSE = 10.0
+"""Nobody who has not said how fast a loop is to be wants one that leaves so many times the error of what ran."""
 _NEAR = 0.05
 """A control that rests within this share of its range from a limit tells nothing of how far it may go."""
 
@@ -279,7 +281,8 @@ def tune_recorded(
         told = f"{told}; a process that runs away is a case for tune time"
     if success:
         tuned, calmed = _calmed(request, tuned)
-        told = f"{told}{calmed}{_beside_what_ran(record, best.process, tuned) if judges else ''}"
+        success, compared = _beside_what_ran(record, tuned, request, given) if judges else (True, "")
+        told = f"{told}{calmed}{compared}"
     if success and tuned.tuning is not None and (moved := control_noise(best.process, tuned.tuning, bounds)):
         told = f"{told}; noise moves the control by {moved:.3g}"
         if moved > bounds.control_from_noise and _is_free(request, given):
@@ -290,13 +293,20 @@ def tune_recorded(
     return RecordedTuning(success, message, identified, noise, bounds, request, tuned, taken)
 
 
-def _beside_what_ran(record: Record, process: Process, tuned: RobustTuning) -> str:
-    """What is said of a design beside the controller that ran, where the record shows that."""
-    beside = beside_what_ran(record, process, tuned.tuning) if tuned.tuning else math.nan
+def _beside_what_ran(
+    record: Record, tuned: RobustTuning, request: TuningRequest, given: Mapping[str, Any]
+) -> tuple[bool, str]:
+    """Whether a design may stand beside the controller that ran, and what is said of it, where the record shows it."""
+    beside = beside_what_ran(record, request.process, tuned.tuning) if tuned.tuning else math.nan
     if not math.isfinite(beside):
         closed = record.setpoint is not None and np.ptp(record.setpoint) > 0.0
-        return "; not compared with the controller that ran, which the record does not show closely" if closed else ""
-    return f"; after a load it leaves {beside:.3g} times the error of the controller that ran, as the record shows it"
+        told = "; not compared with the controller that ran, which the record does not show closely"
+        return True, told * bool(closed)
+    told = f"; after a load it leaves {beside:.3g} times the error of the controller that ran, as the record shows it"
+    if beside <= MUCH_WORSE or not _is_free(request, given):
+        return True, told
+    told = f"{told}; allowed: up to {MUCH_WORSE:g} times, where nobody says how fast it is to be"
+    return False, told + "; tune time counts the load" * (request.method != "time")
 
 
 def _learnt(record: Record, method: str, template: str, clock: Clock, noise: float) -> IdentificationResult:

@@ -8,7 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from fopid_core.design.identification.frequency_response import POINTS, FrequencyResponse, frequency_response
+from fopid_core.design.identification.frequency_response import (
+    POINTS,
+    FrequencyResponse,
+    contradicts,
+    frequency_response,
+)
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
@@ -22,8 +27,6 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
 from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter
 
-BEYOND = 0.05
-"""A model leaves a region when it is further out than this share of the response, besides."""
 _GAP = 2
 """Samples that are left out where a load came, which no past tells."""
 _FINER = 8
@@ -32,20 +35,10 @@ _SURE = 1.5
 """So many times the radius of 95 of 100, where one of many frequencies may speak against gains."""
 _HIGHER = 40
 """So many frequencies beyond the last that is known are looked at, up to the Nyquist frequency."""
-FEWEST, SHARE = 3, 0.3
-"""So many frequencies must be left, and such a share of those known, for its structure to be wrong."""
 THROUGHOUT = 0.9
 """A model that leaves such a share is wrong throughout: of another kind."""
 MOSTLY = 0.7
 """One that leaves such a share is no guide to where nothing is known."""
-
-
-def contradicts(response: FrequencyResponse, process: Process, share: float = SHARE) -> str:
-    """How a model contradicts the response without one, at more than a share of the frequencies; empty otherwise."""
-    outside, known = int(response.outside(process, BEYOND).sum()), int(response.known.sum())
-    if outside <= max(FEWEST, share * known):
-        return ""
-    return f"the model leaves what the record shows without one at {outside} of {known} frequencies"
 
 
 def doubt_of(record: Record, learnt: IdentifiedModel) -> str:

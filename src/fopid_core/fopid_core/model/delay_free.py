@@ -64,8 +64,9 @@ class DelayFree:
                 break
         if best is None:
             raise UnknownResponseError(
-                f"horizon = {horizon:g} s: the poles of the closed loop could not all be found, so that its "
-                "response is not known; allowed: a loop whose poles lie further apart"
+                "the poles could not all be found, so that the response is not known",
+                "a loop whose poles lie further apart",
+                horizon,
             )
         return best
 
@@ -110,8 +111,9 @@ class DelayFree:
                 break
         else:
             raise UnknownResponseError(
-                f"horizon = {edges[-1]:g} s: the loop rings for so long that its response takes "
-                f"{sum(counts):.3g} samples; allowed: {MOST_SAMPLES} samples, or a number of points to give it at"
+                f"it rings for so long that the response takes {sum(counts):.3g} samples",
+                f"{MOST_SAMPLES} samples, or a number of points to give it at",
+                edges[-1],
             )
         parts = [np.linspace(a, b, n + 1)[1:] for (a, b), n in zip(itertools.pairwise(edges), counts, strict=True)]
         return np.concatenate(([0.0, edges[0]], *parts))
@@ -138,8 +140,9 @@ def check_span(rate: float, first: float, horizon: float) -> None:
     """Refuse to describe what happens before the first instant that is seen."""
     if rate * first > _FIRST_SEEN:
         raise UnknownResponseError(
-            f"horizon = {horizon:g} s: the loop moves within {1.0 / rate:.3g} s; allowed: up to "
-            f"{_FIRST_SEEN / rate * (horizon / first):.3g} s, or a number of points to give the response at"
+            f"it moves within {1.0 / rate:.3g} s",
+            f"up to {_FIRST_SEEN / rate * (horizon / first):.3g} s, or a number of points to give the response at",
+            horizon,
         )
 
 
@@ -147,8 +150,7 @@ def check_growth(poles: Complexes, horizon: float) -> None:
     """Refuse what grows beyond all numbers."""
     if poles.size and float(poles.real.max()) * horizon > LARGEST_EXPONENT:
         raise UnknownResponseError(
-            f"horizon = {horizon:g} s: the unstable loop grows by more than exp({LARGEST_EXPONENT:g}) until then; "
-            "allowed: a shorter one"
+            f"what is unstable grows by more than exp({LARGEST_EXPONENT:g}) until then", "a shorter one", horizon
         )
 
 

@@ -113,8 +113,9 @@ class Delayed:
             total += count
             if total > MOST_SAMPLES:
                 raise UnknownResponseError(
-                    f"horizon = {self.pieces[-1].time[-1]:g} s: the loop rings for so long that its response takes "
-                    f"more than {total:.3g} samples; allowed: {MOST_SAMPLES}, or a number of points to give it at"
+                    f"it rings for so long that the response takes more than {total:.3g} samples",
+                    f"{MOST_SAMPLES}, or a number of points to give it at",
+                    float(self.pieces[-1].time[-1]),
                 )
             parts.append(np.linspace(first, last, count + 1)[1:])
             first = last
@@ -136,8 +137,9 @@ def _modes(transforms: StepTransforms, horizon: float) -> tuple[float, Modes]:
             check_growth(found.values, horizon)
             return path.line, Modes.of(transforms, found, _to_edge(found, path))
     raise UnknownResponseError(
-        f"horizon = {horizon:g} s: the poles of the closed loop near the imaginary axis could not all be found, so "
-        "that its response is not known; allowed: a loop further from the border, or a shorter delay beside its speed"
+        "the poles near the imaginary axis could not all be found, so that the response is not known",
+        "a loop further from the border, or a shorter delay beside its speed",
+        horizon,
     )
 
 

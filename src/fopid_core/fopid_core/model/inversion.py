@@ -166,7 +166,8 @@ def _fewest_points(signals: Signals, first: float, last: float) -> int:
     if 2 * number > signals.most_points:
         raise UnknownResponseError(
             f"the response up to {last:.3g} s, with details of {signals.band:.3g} rad/s until then, takes "
-            f"{2 * number:.3g} points; allowed: {signals.most_points}, so a shorter horizon or a slower loop"
+            f"{2 * number:.3g} points",
+            f"{signals.most_points}, so a shorter horizon or a slower loop",
         )
     return number
 

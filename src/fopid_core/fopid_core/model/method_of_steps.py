@@ -155,8 +155,7 @@ class Steps:
             fine = _solved(equations, edges, turns, _DEGREES[1])
             if not np.all(np.abs(fine) < _LARGEST) or not np.all(np.abs(coarse) < _LARGEST):
                 raise UnknownResponseError(
-                    f"horizon = {horizon:g} s: the unstable loop grows beyond all numbers until then; "
-                    "allowed: a shorter one"
+                    "what is unstable grows beyond all numbers until then", "a shorter one", horizon
                 )
         across = _interpolation(_nodes(_DEGREES[0]), _nodes(_DEGREES[1]))
         gap = np.abs(np.einsum("ij,tejk->teik", across, coarse) - fine).max(axis=(1, 2))

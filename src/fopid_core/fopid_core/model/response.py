@@ -131,8 +131,9 @@ def step_response(loop: Loop, horizon: float, source: Source = "setpoint", point
     accuracy = _relative(doubt, output)
     if not accuracy <= WORST_ACCURACY:
         raise UnknownResponseError(
-            f"horizon = {horizon:g} s: the response would be known to {accuracy:.2g} only; "
-            f"allowed: {WORST_ACCURACY:g}, so a shorter horizon or a loop further from the border"
+            f"the response would be known to {accuracy:.2g} only",
+            f"{WORST_ACCURACY:g}, so a shorter horizon or a loop further from the border",
+            horizon,
         )
     return Response(
         time,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fopid_core.errors import InputError
+from fopid_core.errors import InputError, UnknownResponseError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.delay_free import DelayFree
 from fopid_core.model.delayed import Delayed
@@ -20,6 +20,8 @@ from fopid_core.runtime.plant import Plant, PlantSettings
 
 FIRST, MOST = 1 << 12, 1 << 17
 """Samples that are remembered one by one: at first, doubled while older ones cannot be told together, and at most."""
+_FEWER = (1, 8, 64)
+"""Of a process that is unstable the response is known for so many times fewer samples only: it runs as long as that."""
 WORST = 1e-6
 """Largest error of a step response, relative to its size, that is simulated with."""
 _SMOOTH = 1e-8
@@ -62,8 +64,18 @@ class ConvolvedPlant:
         self.accuracy = 0.0
         longest = StepTransforms.of(_open(settings.process), "load").longest_delay
         self._delays = settings.process.delay + 2.0 * longest
-        self._steps = self._response(np.arange(1.0, 2 * FIRST + 1))
+        self._steps = self._begun()
+        self._begun_with = self._steps.size
         self.reset()
+
+    def _begun(self) -> Floats:
+        """The response at first, as far as it is known."""
+        for fewer in _FEWER[:-1]:
+            try:
+                return self._response(np.arange(1.0, 2 * FIRST // fewer + 1))
+            except UnknownResponseError:
+                continue
+        return self._response(np.arange(1.0, 2 * FIRST // _FEWER[-1] + 1))
 
     def _response(self, ages: Floats) -> Floats:
         """The response to a unit step so many samples ago; rising."""
@@ -72,7 +84,7 @@ class ConvolvedPlant:
         late = time > 0.0
         found = np.zeros(ages.size)
         if late.any():
-            signals, seen = _answer(process, time[late], h)
+            signals, seen = self._answered(time[late])
             values, error = -signals.at(seen)[0], signals.error_at(seen)[0]
             found[late] = values
             accuracy = float(np.max(error) / max(float(np.max(np.abs(values))), 1e-300))
@@ -80,6 +92,16 @@ class ConvolvedPlant:
             if not accuracy <= WORST or not np.isfinite(values).all():
                 raise InputError(f"process {process}: its step response is known to {accuracy:.2g} only")
         return found
+
+    def _answered(self, time: Floats) -> tuple[DelayFree | Delayed, Floats]:
+        try:
+            return _answer(self.settings.process, time, self.settings.sample_time)
+        except UnknownResponseError as error:
+            h = self.settings.sample_time
+            told = f"process {self.settings.process}: within {time[-1]:g} s of a step of its input {error.reason}"
+            raise UnknownResponseError(
+                told, f"one whose response is known over {time[-1] / h:.0f} samples of sample_time = {h:g} s"
+            ) from error
 
     def growth(self, count: int) -> Floats:
         """By how much the response to a unit step of the input grows in each of so many samples."""
@@ -98,7 +120,7 @@ class ConvolvedPlant:
         if begun and (gain == 0.0 or (math.isinf(gain) and process.numerator.sum_of_order(0.0) == 0.0)):
             raise InputError(f"initial_output = {begun}; allowed: 0, since this process has no other point of rest")
         self._held = begun / gain if begun and math.isfinite(gain) else 0.0
-        self._moves, self._count, self._before = np.zeros(2 * FIRST), 0, 0
+        self._moves, self._count, self._before = np.zeros(self._begun_with), 0, 0
         self._input = 0.0
         self._old: OldMoves | None = None
         self._coming: Floats | None = None

@@ -76,6 +76,24 @@ def test_where_the_noise_of_its_own_control_loads_the_process_that_noise_is_made
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_loop_that_holds_it_against_a_load_does_not_pass_for_an_actuator_that_sticks(seed: int) -> None:
+    """Found by a stranger: "sticks within 1.6, worst max |S| 1.18" of gains that let it go."""
+    process, samples = Sample([1.0], np.polymul([1.0, -0.5], [0.2, 1.0]).tolist(), 0.05, 2.0), 800
+    setpoint = np.repeat([0.0, 1.0, -0.5, 0.5], samples // 4)
+    load = 0.15 * (np.arange(samples) >= 250)
+    errors = 0.01 * np.random.default_rng(seed).standard_normal(samples)
+    felt, measured = run(process, Fopid(3.0, 1.0), 0.05, setpoint, load, errors)
+    signals = Record(0.05 * np.arange(samples), felt - load, measured, setpoint)
+    model = identify(signals, noise=0.01).best
+    assert model.structure.runs_away
+    for w in (0.3, 1.0, 3.0):
+        assert error_at(model.process, w, process) < 0.1
+    tuned = tune_recorded(signals, "frequency")
+    assert not tuned.success  # it would hold the process, and leave 56 times the error of what ran
+
+
+@pytest.mark.slow
 def test_who_does_not_look_for_such_a_process_finds_none() -> None:
     """What adapts a running loop does not, unless the process is asked for by name."""
     held = record("1/(s-1)")

@@ -43,6 +43,10 @@ CONFIDENCE = 0.95
 POINTS = 24
 TELLS = 0.5
 """A response whose region is wider than this share of its size is not known."""
+BEYOND = 0.05
+"""A model leaves a region when it is further out than this share of the response, besides."""
+FEWEST, SHARE = 3, 0.3
+"""So many frequencies must be left, and such a share of those known, for its structure to be wrong."""
 _FINE, _REACH = 16, 10
 """A sum of lags lies at least so many times further back than its number of them, and none further than one part in so
 many of the record: a memory that is short beside what the process takes shows the controller instead, -1/C."""
@@ -160,7 +164,11 @@ def frequency_response(records: Record | Sequence[Record], points: int = POINTS)
     signals = [(piece.measurement - piece.measurement.mean(), piece.control - piece.control.mean()) for piece in pieces]
     memory = 0 if reason else _memory(signals, lags)
     if not memory:
-        reason = reason or "the control moves too little, or its moves follow from each other"
+        first = max(longest // _LEAST_MEMORY, 1)
+        reason = (
+            reason
+            or f"the control moves too little after the first {first} samples, or its moves follow from each other"
+        )
         return _nothing(frequency, h, reason)
     response, radius = _estimate(signals, lags[: memory + 1], frequency * h)
     known = radius < TELLS * np.abs(response)
@@ -168,6 +176,14 @@ def frequency_response(records: Record | Sequence[Record], points: int = POINTS)
         frequency, np.where(known, response, complex(np.nan, np.nan)), np.where(known, radius, np.inf),
         h, int(lags[memory]) - 1, "" if known.any() else "the noise hides it at all frequencies",
     )  # fmt: skip
+
+
+def contradicts(response: FrequencyResponse, process: Process, share: float = SHARE) -> str:
+    """How a model contradicts the response without one, at more than a share of the frequencies; empty otherwise."""
+    outside, known = int(response.outside(process, BEYOND).sum()), int(response.known.sum())
+    if outside <= max(FEWEST, share * known):
+        return ""
+    return f"the model leaves what the record shows without one at {outside} of {known} frequencies"
 
 
 def _nothing(frequency: Floats, h: float, reason: str) -> FrequencyResponse:

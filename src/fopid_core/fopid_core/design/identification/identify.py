@@ -18,6 +18,7 @@ from fopid_core.design.identification.coloured_noise import fit_in_coloured_nois
 from fopid_core.design.identification.dead_band import dead_band_of
 from fopid_core.design.identification.fit import Fit, fit
 from fopid_core.design.identification.flaws import Flaws
+from fopid_core.design.identification.frequency_response import contradicts, frequency_response
 from fopid_core.design.identification.friction import friction_of
 from fopid_core.design.identification.identified_model import IdentifiedModel, judged
 from fopid_core.design.identification.initial_estimates import initial_conditions, initial_parameters, rough_fit
@@ -54,10 +55,11 @@ to the second where the best template may be used: a record that shows a templat
 MATTERS = 0.1
 """A residual that is not white, but of smaller correlation, leaves a richer model 5 % of its size to explain."""
 LEAVES_MUCH = 2.0
-"""A model that leaves so many times the known noise is no reason not to look for dry friction."""
+"""A model that leaves so many times the known noise is no reason not to look for dry friction, and no explanation with
+it, or with a dead band."""
 LEAVES_LESS = 0.9
-"""A process that runs away and leaves white noise, or one with dry friction, is likelier than a dead band where it
-leaves no more than that share."""
+"""A process that runs away and leaves white noise is likelier than a dead band where it leaves no more than that
+share."""
 SHARPEST = 100.0
 """Where the two highest powers of a model part beyond so many radians a sample, a record shows but one of them."""
 NO_END = 30.0
@@ -212,8 +214,9 @@ class _Search:
         if self.everything and _miss_something(record, models, noise):
             models += _models(record, rough, [structure_of(name) for name in RICHER])
         best = _preferred(models)
-        if self.dead_band and (behind := self._behind_dead_band(record, best)):
-            return self._held_instead(record, rough, behind) or self._freed_instead(record, behind) or behind
+        behind = self._behind_dead_band(record, best) if self.dead_band else None
+        if behind:
+            return self._held_instead(record, rough, behind) or behind
         runaways: tuple[IdentifiedModel, ...] = ()
         if self.everything and self.unstable and _may_run_away(record, best, noise):
             runaways = _models(record, rough, list(UNSTABLE_STRUCTURES.values()))
@@ -244,11 +247,6 @@ class _Search:
         ]
         return _Found(behind.models + runaways, _preferred(tuple(fit)), "") if fit else None
 
-    def _freed_instead(self, record: Record, behind: _Found) -> _Found | None:
-        """The same without dry friction, where a dead band leaves much more: either holds what it moves."""
-        freed = self._without_friction(record, behind.best) if self._leaves_much(behind.best) else None
-        return freed if freed and freed.best.noise < LEAVES_LESS * behind.best.noise else None
-
     def _leaves_much(self, best: IdentifiedModel) -> bool:
         """Whether a model leaves more than the known noise."""
         return 0.0 < LEAVES_MUCH * self.noise < best.noise
@@ -261,12 +259,13 @@ class _Search:
         flaws = Flaws(friction=friction)
         seen = flaws.of_record(record)
         found = replace(self, dead_band=False).of(seen, rough_fit(seen, _ROUGH, loads=True)).behind(flaws)
-        return None if found.refusal else found
+        return None if found.refusal or self._leaves_much(found.best) else found
 
     def _behind_dead_band(self, record: Record, best: IdentifiedModel) -> _Found | None:
         """The same behind the dead band that a record speaks for; None where it speaks for none, or that is no use.
 
-        Beside the process that is learnt then, another may seem likelier.
+        Beside the process that is learnt then, another may seem likelier. What leaves much more than the noise at rest
+        is no explanation: a loop that holds a process that runs away, and a load, pass for an actuator that sticks.
         """
         found, linear = None, replace(self, dead_band=False)
         for _ in range(_ROUNDS):
@@ -278,9 +277,7 @@ class _Search:
             if found is not None and other.best.noise >= found.best.noise:
                 break
             found, best = other, other.best
-        if found is None or found.refusal or (found.best.in_coloured_noise and self._leaves_much(found.best)):
-            return None  # noise with memory that was not there at rest is left: that is no explanation
-        return found
+        return None if found is None or found.refusal or self._leaves_much(found.best) else found
 
 
 def behind_slow_actuator(
@@ -386,12 +383,20 @@ def _in_coloured_noise(record: Record, best: IdentifiedModel, noise: float) -> I
 def _in_any_noise(
     record: Record, best: IdentifiedModel, runaways: tuple[IdentifiedModel, ...], noise: float
 ) -> IdentifiedModel:
-    """The best in coloured noise, or one that runs away: noise of its own control may hide what holds it."""
+    """The best in coloured noise, or one that runs away: noise of its own control may hide what holds it.
+
+    Noise with memory, whose memory is learnt from what a model leaves, would explain any record by any process that
+    runs away; what the record shows without a model tells them apart.
+    """
     found = _in_coloured_noise(record, best, noise)
     if not runaways or not refusal_of(record, found, noise):
         return found
-    held = _in_coloured_noise(record, _preferred(runaways), noise)
-    return found if refusal_of(record, held, noise) else held
+    seen, good = frequency_response(record), _about_best(runaways)
+    for each in sorted(runaways, key=lambda model: (model not in good, len(model.parameters))):
+        held = _in_coloured_noise(record, each, noise)
+        if not refusal_of(record, held, noise) and not contradicts(seen, held.process):
+            return held
+    return found
 
 
 def _models(record: Record, rough: Fit, structures: list[Structure]) -> tuple[IdentifiedModel, ...]:
