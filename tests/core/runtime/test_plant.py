@@ -117,3 +117,7 @@ def test_it_says_by_how_much_pades_delay_is_off(order: int, lag: float, delay: f
     process = read_process(f"1/({lag}s+1)*exp(-{delay}s)")
     assert Plant(PlantSettings(process, 0.01, pade_order=order)).accuracy == pytest.approx(off, rel=0.02)
     assert Plant(PlantSettings(process, 0.01, delay_model="exact")).accuracy == 0.0
+
+
+def test_of_a_response_that_is_over_between_two_samples_all_that_pade_makes_is_error() -> None:
+    assert Plant(PlantSettings(Process.parse("s*exp(-s)/(0.001s+1)"), 0.1)).accuracy == 1.0

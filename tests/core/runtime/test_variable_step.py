@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 
-import mpmath
 import numpy as np
 import pytest
+from scipy.special import gamma, hyp1f1
 
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
@@ -16,7 +15,8 @@ from fopid_core.runtime.controller import ControllerSettings, FopidController
 from fopid_core.runtime.controller_bank import ControllerBank
 
 H = 0.01
-ORDERS = [(1.0, 1.0), (0.8, 0.6), (1.3, 1.4), (0.5, 0.9)]
+ORDERS = [(1.0, 1.0, 7e-4), (0.8, 0.6, 1e-3), (0.5, 0.9, 1.1e-3), (1.3, 1.4, 1.5e-2), (0.8, 1.8, 5.7e-2)]
+"""lam, mu, and the largest error at any sample, as a share of the largest control."""
 
 
 def uneven(count: int, seed: int, jitter: float = 0.3, loss: float = 0.1) -> np.ndarray:
@@ -31,25 +31,16 @@ def signal(t: float) -> float:
     return t * t * math.exp(-2.0 * t)
 
 
-@cache
-def exact(t: float, lam: float, mu: float) -> float:
-    """signal + s^-lam signal + s^mu signal at an instant: the integrals of Riemann and Liouville, by quadrature.
+def exact(t: np.ndarray, lam: float, mu: float) -> np.ndarray:
+    """signal + s^-lam signal + s^mu signal at instants, by Kummer's function.
 
-    With x = s^lam under the integral over (t - s) s^(lam-1) its kernel is smooth.
+    The integral of order a of t^2 e^-2t is 2 / gamma(3 + a) t^(2+a) 1F1(3; 3 + a; -2t) (Podlubny 1999, 2.2.4).
     """
-    derivatives = (
-        lambda x: x**2 * mpmath.exp(-2 * x),
-        lambda x: (2 * x - 2 * x**2) * mpmath.exp(-2 * x),
-        lambda x: (2 - 8 * x + 4 * x**2) * mpmath.exp(-2 * x),
-    )
 
-    def integral(order: float, of: int) -> float:
-        parts = [0, (t / 2) ** order, t**order]
-        return mpmath.quad(lambda x: derivatives[of](t - x ** (1 / order)), parts) / order / mpmath.gamma(order)
+    def integral(order: float) -> np.ndarray:
+        return np.asarray(2.0 / gamma(3.0 + order) * t ** (2.0 + order) * hyp1f1(3.0, 3.0 + order, -2.0 * t))
 
-    whole = math.ceil(mu)
-    derivative = derivatives[whole](t) if whole == mu else integral(whole - mu, whole)
-    return float(derivatives[0](t) + integral(lam, 0) + derivative)
+    return np.asarray(t * t * np.exp(-2.0 * t) + integral(lam) + integral(-mu))
 
 
 def answers(instants: np.ndarray, lam: float, mu: float, *, variable: bool) -> np.ndarray:
@@ -63,21 +54,23 @@ def answers(instants: np.ndarray, lam: float, mu: float, *, variable: bool) -> n
     return np.array(found)
 
 
-@pytest.mark.parametrize(("lam", "mu"), ORDERS)
-def test_with_jitter_and_loss_it_stays_as_near_to_the_exact_operators_as_with_even_samples(
-    lam: float, mu: float
+@pytest.mark.parametrize(("lam", "mu", "seen"), ORDERS)
+def test_with_jitter_and_loss_it_stays_near_to_the_exact_operators_at_every_sample(
+    lam: float, mu: float, seen: float
 ) -> None:
-    def error(instants: np.ndarray, variable: bool) -> float:
-        some = slice(20, None, 60)
-        wanted = [exact(t, lam, mu) for t in instants[some].tolist()]
-        return float(np.abs(answers(instants, lam, mu, variable=variable)[some] - wanted).max())
+    """As docs/variable_step.md has it. Orders of the derivative above 1 see the jitter in their differences."""
 
-    even, jittered = H * np.arange(400), uneven(400, seed=3)
-    size = max(abs(exact(t, lam, mu)) for t in even[20::60].tolist())
-    # The band's fit is good for 0.04 dB, 5e-3; orders of the derivative above 1 see the jitter in their differences.
-    assert error(even, variable=True) < 5e-3 * size
-    assert error(jittered, variable=True) < (5e-3 if mu <= 1.0 else 2e-2) * size
-    assert error(jittered, variable=False) > 5.0 * error(jittered, variable=True)
+    def error(instants: np.ndarray, variable: bool) -> float:
+        off = answers(instants, lam, mu, variable=variable) - exact(instants, lam, mu)
+        return float(np.abs(off[20:]).max())
+
+    even = H * np.arange(400)
+    size = float(np.abs(exact(even, lam, mu)[20:]).max())
+    # The band's fit is good for 0.04 dB, 5e-3.
+    assert error(even, variable=True) < max(5e-3, 0.3 * seen) * size
+    jittered = [uneven(400, seed) for seed in range(8)]
+    assert max(error(each, variable=True) for each in jittered) < 1.1 * seen * size
+    assert error(jittered[3], variable=False) > 5.0 * error(jittered[3], variable=True)
 
 
 def test_of_order_one_the_integral_is_the_trapezoidal_one_over_the_true_instants() -> None:
@@ -142,7 +135,7 @@ def test_limits_of_rates_are_per_second_whatever_the_interval() -> None:
     assert controller.wait(-1.0) == pytest.approx(0.04)
 
 
-@pytest.mark.parametrize(("lam", "mu"), ORDERS)
+@pytest.mark.parametrize(("lam", "mu"), [each[:2] for each in ORDERS[:4]])
 def test_after_a_long_limit_the_control_leaves_it_as_with_even_samples(lam: float, mu: float) -> None:
     def left(instants: np.ndarray, variable: bool) -> float:
         gains = Fopid(1.0, 2.0, 0.02, lam, mu)

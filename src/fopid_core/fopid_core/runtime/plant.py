@@ -153,7 +153,8 @@ class Plant:
     def accuracy(self) -> float:
         """Largest error of the response to a step of the input, relative to its size: what Pade makes of a delay.
 
-        Without one it is exact but for rounding, and this is 0.
+        Without one it is exact but for rounding, and this is 0. Of the two sizes the larger counts: the true response
+        may be over between two samples.
         """
         process, settings = self._settings.process, self._settings
         if not process.delay or settings.delay_model == "exact":
@@ -165,7 +166,8 @@ class Plant:
             np.array([plant.step(1.0) for _ in range(samples)])
             for plant in (Plant(quiet), Plant(replace(quiet, delay_model="exact")))
         )
-        return float(np.abs(approximate - exact).max() / max(np.abs(exact).max(), 1e-300))
+        size = max(np.abs(exact).max(), np.abs(approximate).max(), 1e-300)
+        return float(np.abs(approximate - exact).max() / size)
 
     def _discretise(self, system: StateSpace, delay: float) -> None:
         """Exact for a held input: a delay of d samples and a fraction splits each step in two."""
