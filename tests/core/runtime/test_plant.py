@@ -120,4 +120,4 @@ def test_it_says_by_how_much_pades_delay_is_off(order: int, lag: float, delay: f
 
 
 def test_of_a_response_that_is_over_between_two_samples_all_that_pade_makes_is_error() -> None:
-    assert Plant(PlantSettings(Process.parse("s*exp(-s)/(0.001s+1)"), 0.1)).accuracy == 1.0
+    assert Plant(PlantSettings(read_process("s*exp(-s)/(0.001s+1)"), 0.1)).accuracy == 1.0
