@@ -36,18 +36,18 @@ def errors(name: str, **settings: Any) -> tuple[float, float]:
 @pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
-    ("name", "slow_end_seen", "seed"),
+    ("name", "slow_end_seen"),
     [
-        ("heat_exchanger", True, 1),
-        ("levitation", True, 2),  # with 1 and 4 it is not known how fast it runs away, and what ran stays
-        ("mujoco_arm", True, 1),
-        ("motor_position", False, 1),
-        ("boiler_drum", False, 1),
+        ("heat_exchanger", True),
+        ("levitation", True),
+        ("mujoco_arm", True),
+        ("motor_position", False),
+        ("boiler_drum", False),
     ],
 )
-def test_new_gains_beat_those_that_ran(name: str, slow_end_seen: bool, seed: int) -> None:
+def test_new_gains_beat_those_that_ran(name: str, slow_end_seen: bool) -> None:
     exhibit = GALLERY[name]
-    loop = VirtualLoop(exhibit, seed)
+    loop = VirtualLoop(exhibit, seed=1)
     loop.run(0.5 * exhibit.horizon)
     criteria = AcceptanceCriteria(
         TuningRequest(read_process("P1")), RobustLimits(2.5, math.radians(30.0)), 2.0, compare=True
