@@ -30,7 +30,7 @@ from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter
 _GAP = 2
 """Samples that are left out where a load came, which no past tells."""
 _FINER = 8
-"""Gains are held to the response at so many times the frequencies that a model is: a resonance may stand between."""
+"""Steps from one frequency at which a model is held to the response to the next: a resonance may stand between."""
 _SURE = 1.5
 """So many times the radius of 95 of 100, where one of many frequencies may speak against gains."""
 _HIGHER = 40
@@ -141,13 +141,30 @@ def held_to_record(
     --------
     held_without_a_model, surely_without_a_model : What the judge asks.
     """
-    seen = _seen(record, learnt)
+    fine = _seen(record, learnt, _FINER * (POINTS - 1) + 1)
+    seen = replace(
+        fine, frequency=fine.frequency[::_FINER], response=fine.response[::_FINER], radius=fine.radius[::_FINER]
+    )
     doubt = contradicts(seen, learnt.process)
-    fine = _seen(record, learnt, _FINER * POINTS)
     if not doubt:
         return doubt, surely_without_a_model(fine, ms_max, sample_time)
     wrong = learnt.fit_pct < LEAST_FIT or bool(contradicts(seen, learnt.process, MOSTLY))
-    return doubt, held_without_a_model(fine, learnt.process, ms_max, sample_time, wrong=wrong)
+    return doubt, held_without_a_model(_with_what_is_between(fine), learnt.process, ms_max, sample_time, wrong=wrong)
+
+
+def _with_what_is_between(fine: FrequencyResponse) -> FrequencyResponse:
+    """A response with its regions at every so many of its frequencies, and as it is likeliest between known ones.
+
+    At so many more frequencies a bound over whole discs would be one for a far larger region.
+    """
+    every = np.zeros(fine.frequency.size, dtype=bool)
+    every[::_FINER] = True
+    known = np.flatnonzero(fine.known & every)
+    between = np.zeros_like(every)
+    if known.size:
+        between[known[0] : known[-1] + 1] = True
+    likeliest = np.where(between & ~every & fine.known, 0.0, np.inf)
+    return replace(fine, radius=np.where(every, fine.radius, likeliest))
 
 
 def contradicts_rest(process: Process, gains: Fopid, sample_time: float, slow: MeasurementFilter = NO_FILTER) -> str:
