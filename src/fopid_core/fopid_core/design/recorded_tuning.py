@@ -49,6 +49,8 @@ CLEAR = 0.95
 """Share of the bound that is aimed at where a design broke it."""
 FAR_OVER = 25.0
 """An overshoot [%] that nobody is to find out on the plant."""
+MOST_LAM = 1.05
+"""An integral of a higher order makes a loop cycle for ever where something sticks."""
 MUCH_WORSE = 10.0
 """Nobody who has not said how fast a loop is to be wants one that leaves so many times the error of what ran."""
 _NEAR = 0.05
@@ -267,6 +269,7 @@ def tune_recorded(
     def refused(tuning: TuningResult) -> str:
         return (
             refuse(tuning)
+            or _cycles(tuning, identified)
             or contradicted(tuning.controller, tuning.filter)
             or reach.refusal(tuning.controller, tuning.filter)
         )
@@ -282,7 +285,8 @@ def tune_recorded(
     if success:
         tuned, calmed = _calmed(request, tuned)
         success, compared = _beside_what_ran(record, tuned, request, given) if judges else (True, "")
-        told = f"{told}{calmed}{compared}"
+        linear = ", in a loop without what sticks" * bool(compared and identified.flaws.come_before)
+        told = f"{told}{calmed}{compared}{linear}"
     if success and tuned.tuning is not None and (moved := control_noise(best.process, tuned.tuning, bounds)):
         told = f"{told}; noise moves the control by {moved:.3g}"
         if moved > bounds.control_from_noise and _is_free(request, given):
@@ -291,6 +295,17 @@ def tune_recorded(
             success, told = False, f"{told}, {allowed}{filters}"
     message = f"{identified.message}; from the record: {bounds.told}; {told}"
     return RecordedTuning(success, message, identified, noise, bounds, request, tuned, taken)
+
+
+def _cycles(tuning: TuningResult, identified: IdentificationResult) -> str:
+    """Why a design cycles behind what the record shows of the actuator; empty where it does not."""
+    sticks = identified.flaws.dead_band or identified.flaws.friction is not None
+    if tuning.controller is None or not sticks or tuning.controller.lam <= MOST_LAM:
+        return ""
+    return (
+        f"lam = {tuning.controller.lam:.3g}, with which a loop goes on cycling behind play, stiction or friction; "
+        f"allowed: up to {MOST_LAM:g}, as tune time --fix lam=1 has it"
+    )
 
 
 def _beside_what_ran(
