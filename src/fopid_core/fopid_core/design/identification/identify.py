@@ -18,7 +18,7 @@ from fopid_core.design.identification.coloured_noise import fit_in_coloured_nois
 from fopid_core.design.identification.dead_band import dead_band_of
 from fopid_core.design.identification.fit import Fit, fit
 from fopid_core.design.identification.flaws import Flaws
-from fopid_core.design.identification.frequency_response import contradicts, frequency_response
+from fopid_core.design.identification.frequency_response import FrequencyResponse, contradicts, frequency_response
 from fopid_core.design.identification.friction import friction_of
 from fopid_core.design.identification.identified_model import IdentifiedModel, judged
 from fopid_core.design.identification.initial_estimates import initial_conditions, initial_parameters, rough_fit
@@ -362,11 +362,14 @@ def _told(best: IdentifiedModel) -> str:
     return f"{told}; the noise has memory" if best.in_coloured_noise else told
 
 
-def _in_coloured_noise(record: Record, best: IdentifiedModel, noise: float) -> IdentifiedModel:
+def _in_coloured_noise(
+    record: Record, best: IdentifiedModel, noise: float, seen: FrequencyResponse | None = None
+) -> IdentifiedModel:
     """The same structure, where an autoregression makes white what it leaves, and it explains enough; else the model.
 
     Only where the noise is so large that it matters, which it is to a process that runs away wherever that is not sure
-    otherwise, and the record has even samples, not too many.
+    otherwise, and the record has even samples, not too many; and only what does not contradict what was ``seen``
+    without a model.
     """
     found = best.fitted
     every = record.is_regular and found.rows.size == record.time.size
@@ -374,8 +377,10 @@ def _in_coloured_noise(record: Record, best: IdentifiedModel, noise: float) -> I
     if not matters or not every:
         return best
     judges = validation_samples(found.rows.size)
-    trained, _ = fit_in_coloured_noise(record, found, ~judges)
     plain, white = fit_in_coloured_noise(record, found, np.ones_like(judges))
+    if seen is not None and contradicts(seen, plain.process):
+        return best
+    trained, _ = fit_in_coloured_noise(record, found, ~judges)
     model = judged(plain, white, fit_pct(plain.response.measurement[judges], trained.residual[judges]), record.span)
     return model if model.whiteness.white and model.fit_pct >= LEAST_FIT_IN_NOISE else best
 
@@ -393,8 +398,8 @@ def _in_any_noise(
         return found
     seen, good = frequency_response(record), _about_best(runaways)
     for each in sorted(runaways, key=lambda model: (model not in good, len(model.parameters))):
-        held = _in_coloured_noise(record, each, noise)
-        if not refusal_of(record, held, noise) and not contradicts(seen, held.process):
+        held = _in_coloured_noise(record, each, noise, seen)
+        if held.in_coloured_noise and not refusal_of(record, held, noise):
             return held
     return found
 
