@@ -28,6 +28,10 @@ class UnknownResponseError(InputError):
         super().__init__(f"{asked}{reason}{f'; allowed: {allowed}' if allowed else ''}")
 
 
+class UnboundedResponseError(UnknownResponseError):
+    """A response that grows beyond all numbers within the time that is asked for."""
+
+
 class ExpressionError(InputError):
     """A process text that cannot be read.
 

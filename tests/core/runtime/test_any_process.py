@@ -74,6 +74,7 @@ def test_the_step_response_is_exact_to_1e_minus_6_at_every_sample_looked_at(proc
 def test_an_unstable_process_runs_as_long_as_its_response_is_known() -> None:
     """A pole at 3^(1/1.2) = 2.5 rad/s."""
     plant = plant_of(PlantSettings(Process.parse("1/(s^1.2-3)"), 0.05))
+    assert plant.ends_by == pytest.approx(409.6)
     found = [plant.step(1.0) for _ in range(60)]
     with mpmath.workdps(25):
         for k in (1, 40, 60):

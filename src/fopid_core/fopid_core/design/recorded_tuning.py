@@ -285,7 +285,7 @@ def tune_recorded(
     if success:
         tuned, calmed = _calmed(request, tuned)
         success, compared = _beside_what_ran(record, tuned, request, given) if judges else (True, "")
-        linear = ", in a loop without what sticks" * bool(compared and identified.flaws.come_before)
+        linear = ", in a loop without what sticks" * bool(compared and identified.flaws.stick)
         told = f"{told}{calmed}{compared}{linear}"
     if success and tuned.tuning is not None and (moved := control_noise(best.process, tuned.tuning, bounds)):
         told = f"{told}; noise moves the control by {moved:.3g}"
@@ -299,13 +299,11 @@ def tune_recorded(
 
 def _cycles(tuning: TuningResult, identified: IdentificationResult) -> str:
     """Why a design cycles behind what the record shows of the actuator; empty where it does not."""
-    sticks = identified.flaws.dead_band or identified.flaws.friction is not None
-    if tuning.controller is None or not sticks or tuning.controller.lam <= MOST_LAM:
+    lam = tuning.controller.lam if tuning.controller else 0.0
+    if lam <= MOST_LAM or not identified.flaws.stick:
         return ""
-    return (
-        f"lam = {tuning.controller.lam:.3g}, with which a loop goes on cycling behind play, stiction or friction; "
-        f"allowed: up to {MOST_LAM:g}, as tune time --fix lam=1 has it"
-    )
+    told = f"lam = {lam:.3g}, with which a loop goes on cycling behind play, stiction or friction"
+    return f"{told}; allowed: up to {MOST_LAM:g}, as tune time --fix lam=1 has it"
 
 
 def _beside_what_ran(

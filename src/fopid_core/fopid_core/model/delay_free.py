@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from fopid_core.errors import UnknownResponseError
+from fopid_core.errors import UnboundedResponseError, UnknownResponseError
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.contour import WINDOW_RATIO, Windows, invert_on_hyperbolas
 from fopid_core.model.modes import LARGEST_EXPONENT, Modes
@@ -149,7 +149,7 @@ def check_span(rate: float, first: float, horizon: float) -> None:
 def check_growth(poles: Complexes, horizon: float) -> None:
     """Refuse what grows beyond all numbers."""
     if poles.size and float(poles.real.max()) * horizon > LARGEST_EXPONENT:
-        raise UnknownResponseError(
+        raise UnboundedResponseError(
             f"what is unstable grows by more than exp({LARGEST_EXPONENT:g}) until then", "a shorter one", horizon
         )
 

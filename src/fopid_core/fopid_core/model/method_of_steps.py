@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from fopid_core.errors import UnknownResponseError
+from fopid_core.errors import UnboundedResponseError
 from fopid_core.model.arrays import Complexes, Floats
 from fopid_core.model.poles import EPSILON
 from fopid_core.model.quasipolynomial import QuasiPolynomial
@@ -154,7 +154,7 @@ class Steps:
             coarse = _solved(other, edges, turns, _DEGREES[0])
             fine = _solved(equations, edges, turns, _DEGREES[1])
             if not np.all(np.abs(fine) < _LARGEST) or not np.all(np.abs(coarse) < _LARGEST):
-                raise UnknownResponseError(
+                raise UnboundedResponseError(
                     "what is unstable grows beyond all numbers until then", "a shorter one", horizon
                 )
         across = _interpolation(_nodes(_DEGREES[0]), _nodes(_DEGREES[1]))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fopid_core.errors import InputError, UnknownResponseError
+from fopid_core.errors import InputError, UnboundedResponseError, UnknownResponseError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.delay_free import DelayFree
 from fopid_core.model.delayed import Delayed
@@ -46,6 +46,8 @@ class ConvolvedPlant:
     ----------
     accuracy : float
         Largest error of the step response worked out so far, relative to its size.
+    ends_by : float
+        When a process that is unstable will run no further, since its response has grown beyond all numbers [s].
 
     Raises
     ------
@@ -61,7 +63,7 @@ class ConvolvedPlant:
 
     def __init__(self, settings: PlantSettings) -> None:
         self.settings, self.gain_factor = settings, settings.gain_factor
-        self.accuracy = 0.0
+        self.accuracy, self.ends_by = 0.0, math.inf
         longest = StepTransforms.of(_open(settings.process), "load").longest_delay
         self._delays = settings.process.delay + 2.0 * longest
         self._steps = self._begun()
@@ -73,8 +75,8 @@ class ConvolvedPlant:
         for fewer in _FEWER[:-1]:
             try:
                 return self._response(np.arange(1.0, 2 * FIRST // fewer + 1))
-            except UnknownResponseError:
-                continue
+            except UnboundedResponseError:
+                self.ends_by = 2 * FIRST // fewer * self.settings.sample_time
         return self._response(np.arange(1.0, 2 * FIRST // _FEWER[-1] + 1))
 
     def _response(self, ages: Floats) -> Floats:
@@ -99,7 +101,7 @@ class ConvolvedPlant:
         except UnknownResponseError as error:
             h = self.settings.sample_time
             told = f"process {self.settings.process}: within {time[-1]:g} s of a step of its input {error.reason}"
-            raise UnknownResponseError(
+            raise type(error)(
                 told, f"one whose response is known over {time[-1] / h:.0f} samples of sample_time = {h:g} s"
             ) from error
 

@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 
 from fopid_core.errors import InputError
 from fopid_core.model.process import read_process
-from fopid_core.runtime.convolved_plant import AnyPlant, plant_of
+from fopid_core.runtime.convolved_plant import AnyPlant, ConvolvedPlant, plant_of
 from fopid_core.runtime.plant import PlantSettings
 from fopid_msgs.srv import Advance
 from fopid_ros.common.background import Later
@@ -158,6 +158,9 @@ class PlantSimulator(ManagedNode):
             self.timer = self.create_timer(self._period_ns * 1e-9, self._tick, clock=clock)
         process = self.get_parameter("model").value or self.get_parameter("process").value
         self.get_logger().info(f"simulating {process} every {self._period_ns * 1e-9:g} s, {self.values()['trigger']}")
+        if isinstance(self._plant, ConvolvedPlant) and math.isfinite(self._plant.ends_by):
+            until = f"it stands still before {self._plant.ends_by:g} s"
+            self.get_logger().warning(f"it is unstable, and its response grows beyond all numbers: {until}")
         off = 0.0 if isinstance(self._plant, ModelPlant) else self._plant.accuracy
         if off > TOLD_FROM:
             told = f"its delay is Pade's: the response to a step is off by up to {100.0 * off:.2g} % of it"

@@ -78,7 +78,7 @@ def test_where_the_noise_of_its_own_control_loads_the_process_that_noise_is_made
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_loop_that_holds_it_against_a_load_does_not_pass_for_an_actuator_that_sticks(seed: int) -> None:
-    """Found by a stranger: "sticks within 1.6, worst max |S| 1.18" of gains that let it go."""
+    """Found in another simulator: "sticks within 1.6, worst max |S| 1.18" of gains that let it go."""
     process, samples = Sample([1.0], np.polymul([1.0, -0.5], [0.2, 1.0]).tolist(), 0.05, 2.0), 800
     setpoint = np.repeat([0.0, 1.0, -0.5, 0.5], samples // 4)
     load = 0.15 * (np.arange(samples) >= 250)

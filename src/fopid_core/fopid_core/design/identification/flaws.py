@@ -66,9 +66,14 @@ class Flaws:
     play: Floats | float = 0.0
 
     @property
+    def stick(self) -> bool:
+        """Whether play, stiction or dry friction is among them."""
+        return bool(self.dead_band) or self.friction is not None
+
+    @property
     def come_before(self) -> bool:
         """Whether something stands between the control and the linear part that only a simulation shows."""
-        return bool(self.dead_band) or self.friction is not None or math.isfinite(self.rate)
+        return self.stick or math.isfinite(self.rate)
 
     def stem(self, control: Floats, before: Floats) -> Floats:
         """Where the stem is under a control, shape (m,), and was before; play behind it is left out."""

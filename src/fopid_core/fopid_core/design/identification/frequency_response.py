@@ -164,12 +164,8 @@ def frequency_response(records: Record | Sequence[Record], points: int = POINTS)
     signals = [(piece.measurement - piece.measurement.mean(), piece.control - piece.control.mean()) for piece in pieces]
     memory = 0 if reason else _memory(signals, lags)
     if not memory:
-        first = max(longest // _LEAST_MEMORY, 1)
-        reason = (
-            reason
-            or f"the control moves too little after the first {first} samples, or its moves follow from each other"
-        )
-        return _nothing(frequency, h, reason)
+        little = f"the control moves too little after the first {max(longest // _LEAST_MEMORY, 1)} samples"
+        return _nothing(frequency, h, reason or f"{little}, or its moves follow from each other")
     response, radius = _estimate(signals, lags[: memory + 1], frequency * h)
     known = radius < TELLS * np.abs(response)
     return FrequencyResponse(

@@ -214,8 +214,7 @@ class _Search:
         if self.everything and _miss_something(record, models, noise):
             models += _models(record, rough, [structure_of(name) for name in RICHER])
         best = _preferred(models)
-        behind = self._behind_dead_band(record, best) if self.dead_band else None
-        if behind:
+        if self.dead_band and (behind := self._behind_dead_band(record, best)):
             return self._held_instead(record, rough, behind) or behind
         runaways: tuple[IdentifiedModel, ...] = ()
         if self.everything and self.unstable and _may_run_away(record, best, noise):
