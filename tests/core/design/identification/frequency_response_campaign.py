@@ -32,6 +32,9 @@ BENCH: tuple[tuple[list[float], list[float]], ...] = (
 )
 LONG = (15.0, 50.0)
 """A record lasts so many times what the process takes."""
+SAMPLES = (300, 2500)
+BRIEF, BRIEFLY = (3.0, 20.0), (120, 300)
+"""The same of a record of one step of the setpoint; and how many samples."""
 
 
 @dataclass(frozen=True)
@@ -154,8 +157,9 @@ def record(kind: str, colour: str, seed: int, denser: int = 1) -> tuple[Record, 
     """One record, with its process; of so many times more samples in the same time."""
     rng = np.random.default_rng(seed)
     process = sample(rng)
-    samples = denser * int(rng.integers(300, 2500))
-    h = process.lag * float(rng.uniform(*LONG)) / samples
+    few, lengths = (BRIEFLY, BRIEF) if kind == "brief" else (SAMPLES, LONG)
+    samples = denser * int(rng.integers(*few))
+    h = process.lag * float(rng.uniform(*lengths)) / samples
     gain = process.numerator[-1] / (process.denominator[-1] or process.denominator[-2])
     level = abs(gain) * 10.0 ** rng.uniform(-2.5, -1.0)
     errors = level * noise(colour, samples, rng)
@@ -167,6 +171,9 @@ def record(kind: str, colour: str, seed: int, denser: int = 1) -> tuple[Record, 
     if kind == "autotune":
         bits = np.concatenate([np.zeros(samples // 33), prbs(samples, 32, seed)])[:samples]
         return closed_loop(process, still, h, errors, lambda k: float(bits[k])), process
+    if kind == "brief":
+        step = float(rng.uniform(0.1, 1.0)) * (np.arange(samples) >= samples // 8)
+        return closed_loop(process, step, h, errors, lambda _: 0.0), process
     square = (np.arange(samples) // (samples // 6) % 2).astype(float)
     return closed_loop(process, square, h, errors, lambda _: 0.0), process
 
@@ -178,7 +185,7 @@ def judged(found: FrequencyResponse, process: Sample) -> tuple[int, int, int]:
     return found.frequency.size, int(found.known.sum()), int(inside.sum())
 
 
-KINDS = ("prbs", "autotune", "setpoint", "step")
+KINDS = ("prbs", "autotune", "setpoint", "step", "brief")
 NOISES = ("white", "coloured", "drift", "ramp")
 
 

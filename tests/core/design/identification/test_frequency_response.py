@@ -22,7 +22,7 @@ ERRORS = 0.02 * np.random.default_rng(0).standard_normal(600)
 RECORD = open_loop(PROCESS, prbs(600, 60, 1), H, ERRORS)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", KINDS[:-1])
 def test_regions_hold_the_true_response_in_a_sample_of_the_campaign(kind: str) -> None:
     counts = np.zeros(3)
     for seed in range(8):
@@ -30,6 +30,16 @@ def test_regions_hold_the_true_response_in_a_sample_of_the_campaign(kind: str) -
         counts += judged(frequency_response(signals), process)
     assert counts[1] > 0.3 * counts[0]
     assert counts[2] > 0.85 * counts[1]  # errors of near frequencies go together: a sample of 8 records scatters
+
+
+def test_one_step_of_the_setpoint_among_few_samples_shows_no_controller_for_a_process() -> None:
+    """Where feedback hides the process the response comes out near -1/C; regions by its slope alone were sure of it."""
+    counts = np.zeros(3)
+    for seed in range(60):
+        signals, process = record("brief", "white", seed)
+        counts += judged(frequency_response(signals), process)
+    assert counts[1] > 0.1 * counts[0]
+    assert counts[2] > 0.9 * counts[1]
 
 
 def test_without_noise_the_response_is_the_textbooks() -> None:

@@ -18,7 +18,7 @@ References
 ----------
 Ljung, System Identification, 2nd ed. (1999), ch. 9.4 and 13.4; Ljung and Wahlberg, Advances in Applied Probability 24
 (1992) 412-440; Hurvich and Tsai, Biometrika 76 (1989) 297-307;
-Berk, Annals of Statistics 2 (1974) 489-502.
+Berk, Annals of Statistics 2 (1974) 489-502; Fieller, Journal of the Royal Statistical Society B 16 (1954) 175-185.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class FrequencyResponse:
     frequency : ndarray
         [rad/s], ascending.
     response : ndarray of complex
-        NaN where it is not known.
+        The centre of the disc that holds it; NaN where it is not known.
     radius : ndarray
         Of the disc about each that holds the true response in 95 of 100 records; infinite where it is not known.
     sample_time : float
@@ -315,23 +315,39 @@ def _estimate(signals: Sequence[tuple[Floats, Floats]], lags: Indexes, theta: Fl
     level = abs(float(triangle[-1, -1])) * float(sizes[-1]) / np.sqrt(count - own - size)
     a, b = numbers[::2], numbers[1::2]
     delays = np.add.reduceat(np.exp(-1j * np.outer(theta, np.arange(1, lags[-1]))), lags[:-1] - 1, axis=1)
-    denominator = 1.0 - delays @ a
-    response = delays @ b / denominator
-    slopes = np.stack([response[:, np.newaxis] * delays, delays], axis=2).reshape(theta.size, -1)
-    moved = level * (slopes / denominator[:, np.newaxis]) @ root
+    denominator, numerator = 1.0 - delays @ a, delays @ b
+    moved = level * np.stack([np.zeros_like(delays), delays], axis=2).reshape(theta.size, -1) @ root
+    turned = level * np.stack([-delays, np.zeros_like(delays)], axis=2).reshape(theta.size, -1) @ root
     memory = int(lags[-1]) - 1
-    return response, _radius(moved, sum(max(y.size - memory, 0) for y, _ in signals) / memory)
+    freedom = sum(max(y.size - memory, 0) for y, _ in signals) / memory
+    return _disc((numerator, moved), (denominator, turned), freedom)
 
 
-def _radius(moved: Complexes, freedom: float) -> Floats:
-    """Of the disc that holds a complex error with these independent parts, of shape (frequencies, parts).
+def _disc(
+    numerator: tuple[Complexes, Complexes], denominator: tuple[Complexes, Complexes], freedom: float
+) -> tuple[Complexes, Floats]:
+    """The disc that holds the true ratio: its centre and its radius, which is infinite where no bounded one does.
+
+    Both come with the independent parts of their errors, of shape (frequencies, parts). Whatever the true ratio G, the
+    error of numerator - G denominator is normal, also where that of the ratio is not (Fieller 1954): where feedback
+    hides the process, the denominator may be zero, and the ratio comes out near the controller's -1/C.
 
     The noise's power at a frequency is itself an estimate: by a predictor with so many numbers to learn its colour it
     has no more degrees of freedom than there are memories in the records (Berk 1974).
-    Its square is a sum of two chi-squared variables, of the variances along the axes of the ellipse, and near to one
-    with between one and two degrees of freedom (Satterthwaite 1946): exact for a line and for a circle.
+    A square of an error is a sum of two chi-squared variables, of the variances along the axes of the ellipse, and near
+    to one with between one and two degrees of freedom (Satterthwaite 1946): exact for a line and for a circle.
     """
-    power = np.sum(np.abs(moved) ** 2, axis=1)
-    eccentric = np.abs(np.sum(moved**2, axis=1))  # the difference of the two variances
+    (above, of_above), (below, of_below) = numerator, denominator
+    ratio = above / below
+    parts = of_above - ratio[:, np.newaxis] * of_below
+    power = np.sum(np.abs(parts) ** 2, axis=1)
+    eccentric = np.abs(np.sum(parts**2, axis=1))  # the difference of the two variances
     degrees = 2.0 * power**2 / (power**2 + eccentric**2)
-    return np.asarray(np.sqrt(power * fdtri(degrees, freedom, CONFIDENCE)))
+    sure = fdtri(degrees, freedom, CONFIDENCE)
+    bounded = np.abs(below) ** 2 - sure * np.sum(np.abs(of_below) ** 2, axis=1)
+    middle = above * below.conj() - sure * np.sum(of_above * of_below.conj(), axis=1)
+    last = np.abs(above) ** 2 - sure * np.sum(np.abs(of_above) ** 2, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        centre = middle / bounded
+        radius = np.sqrt(np.maximum(np.abs(centre) ** 2 - last / bounded, 0.0))
+    return np.where(bounded > 0.0, centre, ratio), np.asarray(np.where(bounded > 0.0, radius, np.inf))
