@@ -198,8 +198,9 @@ class TuningRequest:
         For ``both``: weight of the load's index against the setpoint's.
     structure : str, optional
         For ``time``: ``p pi pd pid fopi fopd fopid``; when not given, the simplest that costs hardly more.
-    filter_order : int
-        For ``time``: order of the filter of the measurement, whose time is then chosen; 0 for none.
+    filter_order : int, optional
+        For ``time``: order of the filter of the measurement, whose time is then chosen; 0 for none; when not given,
+        none where that does.
     two_degrees : bool, optional
         For ``time``: whether the weights of the setpoint are chosen; when not given, where the load or a filter counts.
     sample_time : float
@@ -224,6 +225,8 @@ class TuningRequest:
         Give the best found after this long [s], marked unsuccessful.
     sampled : Process, optional
         What the controller samples, where ``process`` counts the hold of the control as a delay; else ``process``.
+    as_it_runs : bool
+        For ``time``: whether max |S| is bounded as the loop runs, sampled, as well; needs ``sampled``.
     """
 
     process: Process
@@ -255,9 +258,10 @@ class TuningRequest:
     input: str = "setpoint"
     load_weight: float = 1.0
     structure: str | None = None
-    filter_order: int = 0
+    filter_order: int | None = None
     two_degrees: bool | None = None
     sampled: Process | None = None
+    as_it_runs: bool = False
 
     def __post_init__(self) -> None:
         one_of("method", self.method, METHODS)
@@ -272,7 +276,7 @@ class TuningRequest:
         one_of("input", self.input, INPUTS)
         if self.structure is not None:
             one_of("structure", self.structure, tuple(STRUCTURES))
-        require(self.filter_order in FILTER_ORDERS, "filter_order", self.filter_order, "0, 1 or 2")
+        require(self.filter_order in (None, *FILTER_ORDERS), "filter_order", self.filter_order, "0, 1 or 2")
         require(0.0 < self.load_weight < math.inf, "load_weight", self.load_weight, "above 0")
         others = ("mt_max", "u_max", "noise_max", "noise_rms_max", "rate_max")
         bounds = {"ms_max": 1.0, **dict.fromkeys(others, LEAST_BOUND)}
@@ -288,11 +292,11 @@ class TuningRequest:
     def _check_numbers(self) -> None:
         for name, value in self.fixed.items():
             one_of("fixed", name, VARIABLES)
-            require(name != FILTER_TIME or self.filter_order > 0, "fixed filter_time", value, "with a filter_order")
+            require(name != FILTER_TIME or bool(self.filter_order), "fixed filter_time", value, "with a filter_order")
             require(math.isfinite(value), f"fixed {name}", value, "a finite number")
         for name, (low, high) in self.bounds.items():
             one_of("bounds", name, VARIABLES)
-            require(name != FILTER_TIME or self.filter_order > 0, "bounds of filter_time", low, "with a filter_order")
+            require(name != FILTER_TIME or bool(self.filter_order), "bounds of filter_time", low, "with a filter_order")
             require(
                 math.isfinite(low) and math.isfinite(high) and low <= high,
                 f"bounds of {name}",

@@ -28,11 +28,12 @@ from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementF
 
 __all__ = ["Achieved", "Bound", "TuningRequest", "TuningResult", "tune", "verify"]
 
-WORSE, CALMER = 1.1, ((1.0, False), (0.5, False), (0.5, True), (0.5, True))
-TIGHTER = ((1.0, True), (1.0, True))
+WORSE, CALMER, TIGHTER = 1.1, ((1.0, False), (0.5, False), (0.5, True), (0.5, True)), ((1.0, True), (1.0, True))
 """A design whose Ms is so many times as large as it runs is told to be so; beyond so many times its bound another is
-sought behind half a tick, with so much of the control's peak, then with a bound tighter by what running has added, and
-it is no success where there is none. Of a process behind that hold already, only the bound is tightened."""
+sought, and it is no success where there is none. In time, where it need not be stable as it runs, the other keeps its
+bound on the sampled loop itself, and a tighter one then. Else it is sought behind half a tick, with so much of the
+control's peak, then with a bound tighter by what running has added. Of a process behind that hold already, only the
+bound is tightened."""
 
 
 def tune(request: TuningRequest, progress: Progress | None = None, clock: Clock = time.perf_counter) -> TuningResult:
@@ -105,6 +106,14 @@ def _is_nearer_as_it_runs(result: TuningResult, ms_max: float) -> bool:
     return result.running is not None and result.running.ms > WORSE * ms_max
 
 
+def _is_to_be_calmer(result: TuningResult, ms_max: float) -> bool:
+    """Whether another is sought for how a design runs: it is far beyond its bound then, or not stable."""
+    if result.running is None:
+        return False
+    sought = result.method == "time" and result.running.stable is False
+    return sought or (result.success and _is_nearer_as_it_runs(result, ms_max))
+
+
 def _calmer_as_it_runs(
     request: TuningRequest,
     proposal: Proposal,
@@ -113,34 +122,53 @@ def _calmer_as_it_runs(
     report: Progress,
     expired: Expired,
 ) -> TuningResult:
-    """The first result that keeps its bound on max |S| as it runs too, or the last that was sought."""
-    ms_max, u_max = proposal.bounds.ms_max, proposal.bounds.u_max
-    behind, searched = request, ms_max
-    if not request.sampled:
-        behind = replace(request, process=request.process.delayed(0.5 * request.sample_time), sampled=request.process)
-    for calmer, is_tighter in TIGHTER if request.sampled else CALMER:
-        if not (result.success and _is_nearer_as_it_runs(result, ms_max)) or expired():
+    """The first result that keeps its bound on max |S| as it runs too, or the one that comes nearest to it."""
+    bounds, ms_max = proposal.bounds, proposal.bounds.ms_max
+    itself, behind, searched, sought = request.sampled or request.process, request, ms_max, [result]
+    for rung, (calmer, is_tighter) in enumerate(TIGHTER if request.sampled else CALMER):
+        if not _is_to_be_calmer(result, ms_max) or expired():
             break
         report(0.5, "once more, behind the hold of the control")
-        if calmer < 1.0 and math.isfinite(u_max):
-            behind = replace(behind, u_max=calmer * u_max)
-        if is_tighter:
-            searched = _tightened(searched, ms_max, result)
-            behind = replace(behind, ms_max=searched)
-        found = propose(behind, report, expired)
-        told = f"{found.message}; for max |S| <= {ms_max:g} as it runs" if is_tighter else found.message
-        result = _verified(request, replace(found, message=told, bounds=proposal.bounds))
-    return result
+        told = ""
+        if not request.sampled and not rung:
+            behind = _behind_the_hold(request, bounds)
+        elif is_tighter or behind.as_it_runs:
+            searched = _tightened(searched, ms_max, result, behind)
+            behind, told = replace(behind, ms_max=searched), f"; for max |S| <= {ms_max:g} as it runs"
+        if not behind.as_it_runs and calmer < 1.0 and math.isfinite(bounds.u_max):
+            behind = replace(behind, u_max=calmer * bounds.u_max)
+        found = propose(replace(behind, sampled=itself), report, expired)
+        result = _verified(request, replace(found, message=f"{found.message}{told}", bounds=bounds))
+        sought.append(result)
+    return min(sought, key=_as_it_runs) if _is_to_be_calmer(result, ms_max) or not result.success else result
 
 
-def _tightened(searched: float, ms_max: float, result: TuningResult) -> float:
+def _as_it_runs(result: TuningResult) -> float:
+    """Its max |S| then; infinite where it is not stable, or not known."""
+    runs = result.running is not None and result.running.stable
+    return result.running.ms if result.running is not None and runs else math.inf
+
+
+def _behind_the_hold(request: TuningRequest, bounds: Bounds) -> TuningRequest:
+    """The request for the process as a controller sees it; in time with what was chosen for it without the hold."""
+    process = request.process.delayed(0.5 * request.sample_time)
+    behind = replace(request, process=process, sampled=request.process)
+    if request.method != "time":
+        return behind
+    noise_max = bounds.noise_max if math.isfinite(bounds.noise_max) else request.noise_max
+    return replace(behind, as_it_runs=True, horizon=bounds.horizon, u_max=bounds.u_max, noise_max=noise_max)
+
+
+def _tightened(searched: float, ms_max: float, result: TuningResult, behind: TuningRequest) -> float:
     """The bound on max |S| to search with, for a design to keep to `ms_max` as it runs where it did not by `searched`.
 
     Where a delay turns the loop, max |S| is 1 / (1 - |L|), and running makes |L| larger by some factor.
     """
     assert result.running is not None
     assert result.achieved is not None
-    has = min(searched, result.achieved.ms)
+    has = searched if behind.as_it_runs else min(searched, result.achieved.ms)
+    if result.running.stable is False or not has > 1.0:
+        return 1.0 + 0.5 * (searched - 1.0)
     allowed, gain, ran = (1.0 - 1.0 / ms for ms in (has, ms_max, result.running.ms))
     return 1.0 / (1.0 - allowed * gain / ran)
 

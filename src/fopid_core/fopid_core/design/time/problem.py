@@ -17,6 +17,7 @@ from fopid_core.design.specification import NUMBERS
 from fopid_core.design.time.bands import SMALLEST, least_in_bands, log_size, smooth_places
 from fopid_core.design.time.control_bounds import ControlBounds
 from fopid_core.design.time.objectives import LoopResponses
+from fopid_core.design.time.sampled_bound import SampledBound
 from fopid_core.design.time.search_response import ResponseGrid, Variables
 from fopid_core.design.time.specification import TimeSpecification
 from fopid_core.model.fopid import Fopid
@@ -167,6 +168,9 @@ class TimeProblem:
         self.scale = np.array(scale[: len(self.variables)])
         self.box = self._box()
         self._control = ControlBounds(self._grid, specification, process.delay, drawn_in)
+        self._sampled = specification.sampled and SampledBound(
+            specification.sampled, specification.sample_time, specification.filter_order
+        )
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -220,9 +224,9 @@ class TimeProblem:
         """Which rows give a stable loop for certain, shape (n,)."""
         if not len(rows):
             return np.zeros(0, dtype=bool)
-        if len(self.variables) == 5:
-            return stable_mask(self.process, rows)
-        return stable_mask(self.process, rows[:, :5], rows[:, 5], self.specification.filter_order)
+        times = rows[:, 5] if len(self.variables) > 5 else 0.0
+        stable = stable_mask(self.process, rows[:, :5], times, self.specification.filter_order)
+        return stable & self._sampled.stable(rows) if self._sampled else stable
 
     def at_edge(self, gains: Real) -> tuple[str, ...]:
         """Which of the five numbers, if they are free and count, end on the edge of their range, in words."""
@@ -262,6 +266,7 @@ class TimeProblem:
         sizes = self._sizes(gains)
         if math.isfinite(bounds.ms_max):
             blocks.append(math.log(bounds.ms_max) + self._sensitivity(sizes))
+            blocks += [self._sampled.slack(gains, bounds.ms_max)] if self._sampled else []
         if math.isfinite(bounds.mt_max):
             blocks.append(math.log(bounds.mt_max) + self._complementary(sizes))
         if math.isfinite(bounds.u_max):

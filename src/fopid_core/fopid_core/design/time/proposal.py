@@ -38,12 +38,33 @@ SETTLED = 0.02
 """Of the setpoint step: an error at the horizon that is worth a word."""
 IDLE = 0.99
 """A larger one: the bounds leave nothing but controllers that hardly act, and that is no success."""
+FILTERED = 2
+"""Order of the filter that is tried where nothing else keeps the bounds."""
 SLACK, _FAR = 0.01, 0.01
 """Nor is one that acts so little at rest, beside what it does at the crossover: a load takes the process anywhere."""
 
 
 def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -> Proposal:
-    """The controller with the best index for a request."""
+    """The controller with the best index for a request.
+
+    Where none keeps the bounds without a filter of the measurement, or holds a load, and nobody has said how, one with
+    a filter is sought, for which a load's step counts as well.
+    """
+    found, is_met = _proposed(request, progress, expired)
+    is_said = request.filter_order is not None or {*request.fixed, *request.bounds} or request.structure
+    objective = Objective.of(request.index, request.weights)
+    if is_met or is_said or not objective.is_integral or objective.needs_control or expired():
+        return found
+    for source in dict.fromkeys((request.input, "both")):
+        other, is_met = _proposed(replace(request, filter_order=FILTERED, input=source), progress, expired)
+        if is_met:
+            why = f"behind a filter of order {FILTERED} (--filter-order), without which no design keeps the bounds"
+            return replace(other, message=f"{other.message}; {why}")
+    return found
+
+
+def _proposed(request: TuningRequest, progress: Progress, expired: Expired) -> tuple[Proposal, bool]:
+    """The best as a request says, and whether it is to be had."""
     specification = time_specification(request)
     solver = request.solver or "gauss-newton"
 
@@ -59,7 +80,7 @@ def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -
     bounds = bounds_of(specification)
     if design is None:
         unstable = ("stability: none of the controllers drawn is stable; a stable start may help",)
-        return Proposal(None, unstable, message, math.nan, 0, bounds)
+        return Proposal(None, unstable, message, math.nan, 0, bounds), False
     structure = request.structure or ""
     if not structure and solver == "gauss-newton" and not expired():
         progress(0.9, "looking at simpler controllers")
@@ -78,10 +99,11 @@ def propose_time(request: TuningRequest, progress: Progress, expired: Expired) -
         unmet = (*unmet, f"a controller that acts: of the step {left}")
     if not {"kp", "ki"} <= {*specification.fixed} and _slack(request.process, design.controller, specification.horizon):
         unmet = (*unmet, "a controller that holds a load: it hardly acts at rest; input both counts a load's step too")
-    return Proposal(
+    found = Proposal(
         design.controller, unmet, message, design.cost, design.evaluations, bounds, design.at_edge, design.filter,
         design.weights, structure,
     )  # fmt: skip
+    return found, design.met and not unmet
 
 
 def bounds_of(specification: TimeSpecification) -> Bounds:
@@ -110,7 +132,8 @@ def time_specification(request: TuningRequest) -> TimeSpecification:
     by_setpoint = objective.is_integral and not objective.needs_control
     require(by_setpoint or request.input == "setpoint", "input", request.input, f"setpoint with {request.index}")
     usual = defaults.U_MAX * max(1.0 / abs(defaults.process_gain(process)), 1.0 / abs(process.steady_state_gain))
-    free = request.filter_order > 0 or request.input != "setpoint"
+    order = request.filter_order or 0
+    free = order > 0 or request.input != "setpoint"
     return TimeSpecification(
         objective=objective,
         horizon=horizon,
@@ -123,12 +146,13 @@ def time_specification(request: TuningRequest) -> TimeSpecification:
         mt_max=_or_none(request.mt_max),
         input=request.input,  # type: ignore[arg-type]
         load_weight=request.load_weight,
-        filter_order=request.filter_order,
+        filter_order=order,
         two_degrees=free if request.two_degrees is None else request.two_degrees,
         noise_density=request.noise_density or 0.0,
         noise_rms_max=_or_none(request.noise_rms_max),
         rate_max=_or_none(request.rate_max),
         load_left_max=_load_left_max(request),
+        sampled=request.sampled if request.as_it_runs else None,
     )
 
 
@@ -148,7 +172,7 @@ def settling_horizon(process: Process, crossover: float = math.inf) -> float:
 
 def _noise_max(request: TuningRequest, usual: float, two_degrees: bool) -> float:
     """A filter whose time is to be chosen needs a bound that asks for it; without the setpoint's kick the gain does."""
-    needed = (request.filter_order > 0 or two_degrees) and request.noise_rms_max is None
+    needed = ((request.filter_order or 0) > 0 or two_degrees) and request.noise_rms_max is None
     return (usual if needed else math.inf) if request.noise_max is None else request.noise_max
 
 

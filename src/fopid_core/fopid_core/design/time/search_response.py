@@ -43,11 +43,11 @@ class Variables:
         self.filter_time, self.b, self.c = rest
         self._filter_order = filter_order
 
-    def feedback(self, log_w: Real) -> Complex:
-        """C F at s = j w, shape (n, frequencies)."""
+    def feedback(self, log_w: Real | Complex) -> Complex:
+        """C F at s = j w, shape (n, frequencies); a complex ln w is ln(s / j) of any s."""
         return self.filtered(self.controller(log_w), 1j * np.exp(log_w))
 
-    def controller(self, log_w: Real) -> Complex:
+    def controller(self, log_w: Real | Complex) -> Complex:
         """C at s = j w, shape (n, frequencies)."""
         integral = self.ki * np.exp(-0.5j * math.pi * self.lam) * np.exp(-self.lam * log_w)
         derivative = self.kd * np.exp(0.5j * math.pi * self.mu) * np.exp(self.mu * log_w)

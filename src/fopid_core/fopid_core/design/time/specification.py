@@ -9,6 +9,7 @@ from typing import Literal
 
 from fopid_core.design.specification import NUMBERS, VARIABLES
 from fopid_core.design.time.objectives import Objective
+from fopid_core.model.process import Process
 
 Input = Literal["setpoint", "load", "both"]
 
@@ -50,6 +51,8 @@ class TimeSpecification:
         Bound on the control's moves per second after a unit setpoint step, the first tick included.
     load_left_max : float
         Bound on what a load has left in the end, see ``load_tail``.
+    sampled : Process, optional
+        The process without the hold of its control: ``ms_max`` is kept as the loop runs, sampled, as well.
     """
 
     objective: Objective
@@ -69,6 +72,7 @@ class TimeSpecification:
     noise_rms_max: float = math.inf
     rate_max: float = math.inf
     load_left_max: float = math.inf
+    sampled: Process | None = None
 
     @property
     def variables(self) -> tuple[str, ...]:
