@@ -53,6 +53,11 @@ MOST_LAM = 1.05
 """An integral of a higher order makes a loop cycle for ever where something sticks."""
 MUCH_WORSE = 10.0
 """Nobody who has not said how fast a loop is to be wants one that leaves so many times the error of what ran."""
+HOW_ELSE = (
+    "a load, a gain that changes with the level, or a control or setpoint that is not told as it was makes that so; "
+    "record without a load, in smaller moves"
+)
+"""What to do where the controller that ran would not hold what was learnt."""
 _NEAR = 0.05
 """A control that rests within this share of its range from a limit tells nothing of how far it may go."""
 
@@ -250,8 +255,7 @@ def tune_recorded(
         return RecordedTuning(False, identified.message, identified, noise)
     against = contradicts_law(record, best.process) if judges and not identified.flaws.come_before else ""
     if against:
-        advice = "tell control and setpoint as they were, or record without a load"
-        return RecordedTuning(False, f"{identified.message}; {against}; {advice}", identified, noise)
+        return RecordedTuning(False, f"{identified.message}; {against}: {HOW_ELSE}", identified, noise)
     bounds = recorded_bounds(record, best.process, noise, given.get("sample_time", record.sample_time), best.noise)
     own = {**bounds.options(method), **(_with_load(best, given) if method == "time" else {})}
     if "noise_max" in given:

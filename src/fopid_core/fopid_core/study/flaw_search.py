@@ -105,15 +105,15 @@ class Loads:
 def _begun(record: Record, template: str) -> tuple[IdentificationResult, Flaws, Loads, Record]:
     """A process to begin with, the flaws and loads beside which it was found, and the record without these.
 
-    A process alone, where that explains enough without a drift, which may be steps of a load; else beside loads, or
-    behind a dead band.
+    A process alone, where that leaves noise without a drift, which may be steps of a load; else beside loads, or alone
+    where it explains enough, or behind a dead band.
     """
     flaws, loads = Flaws(centre=float(np.mean(record.measurement))), Loads()
     alone = identify(record, template, disturbances=False)
     if alone.best is None:
         return alone, flaws, loads, record
     drifts = alone.best.start.ramp and not alone.best.whiteness.white
-    if not drifts and (alone.success or not explains_little(alone.best)):
+    if not drifts and alone.success and alone.best.whiteness.white:
         return alone, flaws, loads, record
     sensor = sensor_noise(record)
     noise = sensor.level if sensor.at_rest else 0.0
@@ -123,7 +123,7 @@ def _begun(record: Record, template: str) -> tuple[IdentificationResult, Flaws, 
         first = identify(bare, template, disturbances=False)
         if first.success:
             return first, flaws, beside, bare
-    if alone.success:
+    if alone.success or not (drifts or explains_little(alone.best)):
         return alone, flaws, loads, record
     found = identify(record, noise=noise)
     if not found.success or found.best is None:

@@ -19,7 +19,8 @@ from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.identification.noise import resolution
 from fopid_core.design.identification.record import REGULAR, Record
 from fopid_core.design.identification.refusal import refusal_of_feedback
-from fopid_core.design.recorded_tuning import tune_recorded
+from fopid_core.design.recorded_law import contradicts_law
+from fopid_core.design.recorded_tuning import HOW_ELSE, tune_recorded
 from fopid_core.design.response_verification import held_to_record
 from fopid_core.design.robust_verification import RobustLimits, Robustness, behind_hold, robustness
 from fopid_core.design.specification import Clock, TuningResult
@@ -190,6 +191,9 @@ def _accepted(
     identified, h = learnt.identified, record.sample_time
     if not identified.success or identified.best is None or learnt.possible is None:
         return None, identified.message
+    against = "" if learnt.flaws.come_before else contradicts_law(record, identified.best.process)
+    if against:  # of the gains that ran it would say that they are unstable
+        return None, f"{identified.message}; {against}: {HOW_ELSE}"
     shares = learnt.flaws.slope(record.measurement) if learnt.flaws.bend else (1.0,)
     held = behind_hold(learnt.possible.processes, h)
     possible = tuple(process.scaled(share) for share in shares for process in held)

@@ -164,3 +164,18 @@ def test_steps_by_hand_are_moves_from_outside_in_short_records_too(samples: int,
         measurement = lfilter([0.0, 2.0 * (1.0 - pole)], [1.0, -pole], control) + noise * rng.standard_normal(samples)
         told = identify(Record(time, control, measurement), "foptd").message
         assert ANSWERS not in told, (seed, told)
+
+
+@pytest.mark.parametrize("digits", [17, 8, 5])
+@pytest.mark.parametrize("over", [30, 60, 77])
+def test_a_valve_that_is_driven_by_hand_in_ramps_is_moved_from_outside(over: int, digits: int) -> None:
+    """Up and back between two values, which are then the smallest and the largest: that is no limit of a controller."""
+    at, rng = np.arange(500.0), np.random.default_rng(over)
+    control = 20.0 + 5.0 * (np.clip((at - 60.0) / over, 0.0, 1.0) - np.clip((at - 280.0) / over, 0.0, 1.0))
+    moved = lfilter([0.0, 0.1], [1.0, -0.95], control - 20.0)
+    record = Record(at, np.round(control, digits), 50.0 + moved + 0.01 * rng.standard_normal(at.size))
+    assert moved_from_outside(record, ANYHOW)
+    found = identify(record, "foptd")
+    assert found.success, found.message
+    assert found.best is not None
+    assert found.best.parameters["K"] == pytest.approx(2.0, rel=0.01)

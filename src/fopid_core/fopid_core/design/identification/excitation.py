@@ -1,4 +1,4 @@
-"""Where it is known what an experiment has added to the control, that is the instrument by which a model is judged.
+"""What is known to have moved a loop from outside is the instrument by which a model is judged.
 
 What it has moved is no disturbance: in a loop that answers disturbances the model that fits best is -1/C (Ljung 1999,
 ch. 13.4).
@@ -15,42 +15,44 @@ from fopid_core.design.identification.record import Record
 from fopid_core.model.arrays import Floats
 
 _EDGES = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
-"""The answer to what was added is looked for over as long as this many halves of the time it was held, in pieces."""
+"""The answer to the instrument is looked for over as long as this many halves of the time it was held, in pieces."""
 BEYOND_CHANCE = 4.0
-"""The addend has moved the measurement when it explains so many times the power that it would explain by chance."""
+"""The instrument has moved the measurement when it explains so many times the power that it would explain by chance."""
 MOST_MISSED = 0.3
-"""The largest share of what the addend has moved that a model may miss."""
+"""The largest share of what the instrument has moved that a model may miss."""
 
 
-def missed_share(record: Record, time: Floats, measurement: Floats, residual: Floats) -> float:
-    """Of what the addend has moved, the share that a model misses; infinite where it has moved no more than chance.
+def missed_share(
+    record: Record, time: Floats, measurement: Floats, residual: Floats, instrument: Floats
+) -> float:  # fmt: skip
+    """Of what an instrument has moved, the share that a model misses; infinite where it has moved no more than chance.
 
-    Measurement and residual are both projected on the addend and its past. What disturbances have moved is in neither,
-    but for chance.
+    Measurement and residual are both projected on the instrument and its past. What disturbances have moved is in
+    neither, but for chance.
 
     Parameters
     ----------
     record : Record
-        With an excitation.
     time, measurement, residual : ndarray, shape (n,)
         Instants after the record's first [s], the measurement there, and what the model leaves of it.
+    instrument : ndarray, shape (samples of the record,)
+        What moved the loop from outside: what an experiment added to its control, or its setpoint.
 
     Examples
     --------
     >>> rng = np.random.default_rng(0)
     >>> time, added = np.arange(600.0), np.repeat(rng.integers(0, 2, 60), 10).astype(float)
     >>> moved, noise = np.convolve(added, np.exp(-time / 5.0))[:600], rng.standard_normal(600)
-    >>> record = Record(time, added, moved + noise, excitation=added)
-    >>> missed_share(record, time, moved + noise, noise) < 0.1
+    >>> record = Record(time, added, moved + noise)
+    >>> missed_share(record, time, moved + noise, noise, added) < 0.1
     True
-    >>> missed_share(record, time, noise, 0.1 * noise)
+    >>> missed_share(record, time, noise, 0.1 * noise, added)
     inf
     """
-    assert record.excitation is not None
     instants = record.time - record.time[0]
-    moves = instants[np.flatnonzero(np.diff(record.excitation))]
+    moves = instants[np.flatnonzero(np.diff(instrument))]
     half = 0.5 * float(np.median(np.diff(moves))) if moves.size > 1 else record.span / _EDGES[-1]
-    summed = np.concatenate([[0.0], np.cumsum(record.excitation[:-1] * np.diff(instants))])
+    summed = np.concatenate([[0.0], np.cumsum(instrument[:-1] * np.diff(instants))])
     means = np.diff([np.interp(time - half * edge, instants, summed) for edge in _EDGES], axis=0)
     late = time >= half
 

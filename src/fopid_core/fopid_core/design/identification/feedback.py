@@ -45,6 +45,9 @@ _JUMP, _FAR, _BEYOND_NOISE = 1.1, 10.0, 5.0
 the control then is; and the measurement then moves by so many times its noise."""
 _PIECES, _FASTEST = (100, 500), 0.94
 """In the first of so many pieces, or of more, the measurement is not yet as fast as this share of what it will be."""
+_FINE, _EXACTLY, _FEW_CORNERS, _FEWER = 1e-5, 1e-5, 0.05, 0.25
+"""A control told no coarser than this share of its range goes in lines, exact to this share, where it turns at no more
+of its samples than this, and at no more than this share of those at which the measurement does."""
 _SETPOINT = 0.1
 """A setpoint that moves by this share of what the measurement does moves the loop."""
 
@@ -74,7 +77,7 @@ def moved_from_outside(record: Record, start: InitialCondition) -> bool:
     >>> moved_from_outside(Record(np.arange(500.0), rng.standard_normal(500), noise), begin)
     True
     """
-    if _is_known_to_move(record) or _steps_at_once(record, start):
+    if _is_known_to_move(record) or _steps_at_once(record, start) or _goes_in_lines(record):
         return True
     memory, ends = _stretches(record)
     if not np.ptp(record.control[ends]):
@@ -133,6 +136,17 @@ def _steps_at_once(record: Record, start: InitialCondition) -> bool:
         if went.max() > _BEYOND_NOISE * _usual(np.diff(measurement)) and speed[0] < _FASTEST * speed.max():
             return True
     return False
+
+
+def _goes_in_lines(record: Record) -> bool:
+    """Whether the control goes in a few straight lines, as by hand, while the measurement does not."""
+    unit, reach = _last_digit(record.control), float(np.ptp(record.control))
+    if unit > _FINE * reach:
+        return False
+    bends, apart = (np.abs(np.diff(signal, 2)) for signal in (record.control, record.measurement))
+    corners = np.count_nonzero(bends > max(_ROUNDED * 2.0 * unit, _EXACTLY * reach))
+    turns = np.count_nonzero(apart > _EXACTLY * np.ptp(record.measurement))
+    return bool(corners <= min(_FEW_CORNERS * bends.size, _FEWER * turns))
 
 
 def _beyond(law: Floats, columns: Floats, target: Floats, limited: Booleans, free: Booleans) -> Floats:
@@ -204,12 +218,17 @@ def _unit(values: Floats) -> float:
     """In which a signal of many values is told: the step of a converter, or of the last digit of a table."""
     if np.unique(values).size <= _FEW_LEVELS:
         return 0.0
+    return _last_digit(values) or resolution(values)
+
+
+def _last_digit(values: Floats) -> float:
+    """Of a table; 0 where there are more than some digits."""
     sizes = np.abs(values[values != 0.0])
     for digits in range(1, _DIGITS + 1):
         units = 10.0 ** (np.floor(np.log10(sizes)) + 1 - digits)
         if np.abs(sizes / units - np.round(sizes / units)).max() < _WHOLE:
             return float(units.max())
-    return resolution(values)
+    return 0.0
 
 
 def _usual(sizes: Floats) -> float:

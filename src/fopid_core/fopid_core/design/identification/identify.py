@@ -31,6 +31,7 @@ from fopid_core.design.identification.refusal import (
     explains_little,
     grows,
     refusal_before,
+    refusal_beside_the_setpoint,
     refusal_of,
     refusal_of_feedback,
 )
@@ -171,8 +172,9 @@ def identify(
     if nothing:
         return IdentificationResult(False, nothing, (), None, clock() - begun)
     found = search.of(record, rough)
-    told = found.refusal or _told(found.best)
-    if not found.refusal and not np.ptp(record.control) and record.control_before is None:
+    refusal = found.refusal or refusal_beside_the_setpoint(record, found.best)
+    told = refusal or _told(found.best)
+    if not refusal and not np.ptp(record.control) and record.control_before is None:
         told += (
             f"; taken for a step of the control from 0 to {record.control[0]:g} at the first sample (control_before)"
         )
@@ -180,7 +182,7 @@ def identify(
         told += (
             f"; of {whole.time.size} samples the {record.time.size} of the longest stretch without a break were used"
         )
-    return IdentificationResult(not found.refusal, told + _late(whole), found.models, found.best, clock() - begun)
+    return IdentificationResult(not refusal, told + _late(whole), found.models, found.best, clock() - begun)
 
 
 @dataclass(frozen=True)
@@ -258,7 +260,12 @@ class _Search:
         flaws = Flaws(friction=friction)
         seen = flaws.of_record(record)
         found = replace(self, dead_band=False).of(seen, rough_fit(seen, _ROUGH, loads=True)).behind(flaws)
-        return None if found.refusal or self._leaves_much(found.best) else found
+        return None if self._is_no_explanation(record, found) else found
+
+    def _is_no_explanation(self, record: Record, found: _Found) -> bool:
+        """Whether a flaw explains too little; where an experiment is known, what it has moved has judged the model."""
+        judged_otherwise = record.excitation is not None and bool(record.excitation.any())
+        return bool(found.refusal) or (not judged_otherwise and self._leaves_much(found.best))
 
     def _behind_dead_band(self, record: Record, best: IdentifiedModel) -> _Found | None:
         """The same behind the dead band that a record speaks for; None where it speaks for none, or that is no use.
@@ -276,7 +283,7 @@ class _Search:
             if found is not None and other.best.noise >= found.best.noise:
                 break
             found, best = other, other.best
-        return None if found is None or found.refusal or self._leaves_much(found.best) else found
+        return None if found is None or self._is_no_explanation(record, found) else found
 
 
 def behind_slow_actuator(

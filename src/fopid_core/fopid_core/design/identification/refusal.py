@@ -117,6 +117,29 @@ def _why_not(record: Record, best: IdentifiedModel, noise: float) -> str:
     return ""
 
 
+def refusal_beside_the_setpoint(record: Record, best: IdentifiedModel) -> str:
+    """Why a model of a loop that nothing but its setpoint moved may not be used; empty where it may.
+
+    What it leaves is no noise, and what it misses of that which follows from the setpoint is much, or drowned: in a
+    loop that answers disturbances a rich model explains these by the control, and is wrong by any factor.
+    """
+    is_noise = best.whiteness.white and not best.in_coloured_noise
+    setpoint = record.setpoint
+    if setpoint is None or is_noise or best.structure.runs_away or record.excitation is not None:
+        return ""
+    if not np.ptp(setpoint):
+        return ""
+    time, measurement, explained = best.simulated
+    missed = missed_share(record, time, measurement, measurement - explained, setpoint)
+    if missed <= MOST_MISSED:
+        return ""
+    much = "drowns in that" if missed == math.inf else f"is missed by {min(100.0 * missed, 100.0):.0f} %"
+    return (
+        f"what the model leaves is no noise, and what the setpoint has moved {much}: record without disturbances, "
+        "larger moves of the setpoint, or more of them"
+    )
+
+
 def _is_unstable_for_sure(best: IdentifiedModel, noise: float) -> bool:
     """Whether the unstable pole stands out of the noise, and what is left is noise: its predictor hides loads."""
     known = best.first_deviation <= MOST_UNSURE
@@ -128,7 +151,7 @@ def _missed(record: Record, best: IdentifiedModel) -> float:
     if record.excitation is None or not record.excitation.any():
         return math.nan
     time, measurement, explained = best.simulated
-    return missed_share(record, time, measurement, measurement - explained)
+    return missed_share(record, time, measurement, measurement - explained, record.excitation)
 
 
 def _advice(record: Record) -> str:
