@@ -1,0 +1,67 @@
+"""A quiet loop, one step of its setpoint, and a load that wanders all the while: no gains that let the process go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, tf2ss
+
+from fopid_core.design.identification.record import Record
+from fopid_core.design.recorded_tuning import tune_recorded
+from fopid_core.design.sampled_loop import running
+from fopid_core.model.process import read_process
+from fopid_core.study.records import read_record
+
+DAYS = Path(__file__).with_name("days")
+
+
+def day(seed: int, wander: float) -> tuple[Record, str]:
+    """Two lags behind a delay under a PI, of 1 s ticks; and the process."""
+    rng = np.random.default_rng(seed)
+    slow, delay = float(rng.uniform(8.0, 40.0)), int(rng.integers(1, 10))
+    quick = slow * float(rng.uniform(0.1, 0.9))
+    lags = slow + quick
+    samples = min(round(60.0 + 3.0 * (delay + 4.0 * lags)), 900)
+    a, b, c, _, _ = cont2discrete(tf2ss([1.0], np.polymul([slow, 1.0], [quick, 1.0])), 1.0)
+    kp = 0.15 * lags / (delay + 0.5 + 0.2 * lags)
+    load = wander * np.cumsum(rng.standard_normal(samples))
+    noise, setpoint = 0.01 * rng.standard_normal(samples), 4.0 * (np.arange(samples) >= 60)
+    state, integral, waiting, rows = np.zeros((2, 1)), 0.0, [0.0] * delay, []
+    for k in range(samples):
+        measured = (c @ state).item() + noise[k]
+        integral += kp / lags * (setpoint[k] - measured)
+        control = kp * (setpoint[k] - measured) + integral
+        rows.append((control, measured))
+        waiting.append(control + load[k])
+        state = a @ state + b * waiting.pop(0)
+    control, measured = np.array(rows).T
+    process = f"1/(({slow!r}*s+1)*({quick!r}*s+1))*exp(-{delay}*s)"
+    return Record(np.arange(float(samples)), control, measured, setpoint), process
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["walk_336", "walk_429"])
+def test_a_day_whose_load_wandered_gives_no_gains(name: str) -> None:
+    """Gains came with "stable on all 56 possible processes, worst max |S| 1.81", unstable on both plants.
+
+    These were 0.66702/(2250.0s^2+96.617s+1)*exp(-25s) at 5 s and 1.02392/(167.92s^2+27.361s+1)*exp(-4.25s) at 1 s.
+    """
+    found = tune_recorded(read_record(DAYS / f"{name}.csv"), "time", {"structure": "pid"})
+    assert not found.success
+    assert "what the model leaves is no noise, and what the setpoint has moved" in found.message
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "wander"), [(0, 0.0), (1, 0.0), (2, 0.0), (4, 0.05)])
+def test_without_it_or_with_little_gains_come_and_hold(seed: int, wander: float) -> None:
+    record, process = day(seed, wander)
+    found = tune_recorded(record, "time", {"structure": "pid"})
+    assert found.success, found.message
+    assert found.tuned is not None
+    assert found.tuned.tuning is not None
+    assert found.tuned.tuning.controller is not None
+    runs = running(read_process(process), found.tuned.tuning.controller, 1.0, found.tuned.tuning.filter)
+    assert runs.stable
+    assert runs.ms < 2.0 if not wander else runs.ms < 2.5
