@@ -95,7 +95,10 @@ def design_options(*names: str) -> Decorator:
 
 
 filter_option = click.option(
-    "--filter", "slow", metavar="ORDER,TIME", help="Of the measurement, as 2,0.1; none when not given."
+    "--filter",
+    "slow",
+    metavar="ORDER,TIME",
+    help="Of the measurement, 1/(1+Ts) or 1/(1+Ts+(Ts)^2/2), as 2,0.1; none when not given.",
 )
 weights_option = click.option("--setpoint-weights", metavar="B,C", help="In the P and the D part; 1,1 when not given.")
 

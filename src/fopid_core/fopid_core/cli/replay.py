@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, NewFile, as_json
+from fopid_core.cli.options import ARGUMENTS, CANNOT_BE_MET, NewFile, as_json, filter_option
 from fopid_core.cli.output import emit, write_file
 from fopid_core.errors import InputError
 
@@ -27,7 +27,7 @@ NAMES = ("kp", "ki", "kd", "lam", "mu")
 @click.command("replay", context_settings=ARGUMENTS)
 @click.argument("record", type=click.Path(path_type=Path))
 @click.option("--gains", metavar="KP,KI,KD,LAM,MU", help="To be replayed; tuned from the record when not given.")
-@click.option("--filter", "slow", metavar="ORDER,TIME", help="Of the measurement, as 2,0.1; none when not given.")
+@filter_option
 @click.option("--setpoint-weights", metavar="B,C", help="In the P and the D part; 1,1 when not given.")
 @click.option("--control-min", type=float, default=-math.inf, metavar="X", help="Lower limit of the control.")
 @click.option("--control-max", type=float, default=math.inf, metavar="X", help="Upper limit of the control.")

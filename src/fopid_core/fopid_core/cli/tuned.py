@@ -22,6 +22,8 @@ STEPS = (
     "ms", "mt", "noise_gain", "delay_margin",
 )  # fmt: skip
 """What is shown of the steps, by the names of ``comparison.measures.Row``."""
+FILTER_FORMS = {1: "1/(1 + T s)", 2: "1/(1 + T s + (T s)^2/2)"}
+"""By order, T is the time."""
 SHORTER = (1.0, 0.5, 0.25, 0.125)
 """Of the usual horizon, until the responses are known."""
 SETTLED_TIMES = 2.5
@@ -137,7 +139,8 @@ def _tables(data: dict[str, Any], steps: dict[str, dict[str, float | bool]]) -> 
     if data["gains"]:
         tables.append(("Gains", _side_by_side(data["before"] and data["before"]["gains"], data["gains"])))
     if data["filter"]["order"]:
-        tables.append(("Filter of the measurement", data["filter"]))
+        form = FILTER_FORMS[data["filter"]["order"]]
+        tables.append(("Filter of the measurement", {**data["filter"], "form": form}))
     if set(data["setpoint_weights"].values()) != {1.0}:
         tables.append(("Weights of the setpoint", data["setpoint_weights"]))
     if "after" in steps:

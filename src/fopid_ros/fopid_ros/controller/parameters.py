@@ -59,7 +59,7 @@ SPECS = (
     Spec("derivative_setpoint_weight", 1.0, "the same for the derivative; 0: of the measurement alone", 0.0, 1.0),
     Spec("derivative_filter_time", 0.0, "time constant of the lag before the derivative [s]", 0.0, 1e9),
     Spec("measurement_filter_order", 0, "order of the filter of the measurement; 0 for none", 0, 2),
-    Spec("measurement_filter_time", 0.0, "its time [s]; 0 for none", 0.0, 1e9),
+    Spec("measurement_filter_time", 0.0, "its T [s], of 1/(1+Ts) or 1/(1+Ts+(Ts)^2/2); 0 for none", 0.0, 1e9),
     Spec("control_min", -math.inf, "lower limit of the control; -inf for none"),
     Spec("control_max", math.inf, "upper limit of the control; inf for none"),
     Spec("control_rate_max", math.inf, "largest change of the control per second; inf for none", 0.0),

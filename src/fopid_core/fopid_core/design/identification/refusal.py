@@ -29,7 +29,7 @@ FAR_TOO_SHORT = 60.0
 MUCH_LONGER = 2.0
 """A record that is too short is to be so many times as long at least."""
 _STILL = 0.05
-_FAR, _FEW = 20.0, 0.01
+_FAR, _FEW = 20.0, 0.05
 """So many times as far from the median as all but that share of the samples."""
 _GAP = 0.05
 """A gap of this share of the record is named where the control explains too little."""
