@@ -32,7 +32,7 @@ WORSE, CALMER, TIGHTER = 1.1, ((1.0, False), (0.5, False), (0.5, True), (0.5, Tr
 """A design whose Ms is so many times as large as it runs is told to be so; beyond so many times its bound another is
 sought, and it is no success where there is none. In time, where it need not be stable as it runs, the other keeps its
 bound on the sampled loop itself, and a tighter one then. Else it is sought behind half a tick, with so much of the
-control's peak, then with a bound tighter by what running has added. Of a process behind that hold already, only the
+control's peak, then with a bound tighter by what running has added; of a process behind that hold already, only the
 bound is tightened."""
 
 
@@ -130,7 +130,7 @@ def _calmer_as_it_runs(
             break
         report(0.5, "once more, behind the hold of the control")
         told = ""
-        if not request.sampled and not rung:
+        if not rung and (request.method == "time" or not request.sampled):
             behind = _behind_the_hold(request, bounds)
         elif is_tighter or behind.as_it_runs:
             searched = _tightened(searched, ms_max, result, behind)
@@ -151,8 +151,10 @@ def _as_it_runs(result: TuningResult) -> float:
 
 def _behind_the_hold(request: TuningRequest, bounds: Bounds) -> TuningRequest:
     """The request for the process as a controller sees it; in time with what was chosen for it without the hold."""
-    process = request.process.delayed(0.5 * request.sample_time)
-    behind = replace(request, process=process, sampled=request.process)
+    behind = request
+    if not request.sampled:
+        process = request.process.delayed(0.5 * request.sample_time)
+        behind = replace(request, process=process, sampled=request.process)
     if request.method != "time":
         return behind
     noise_max = bounds.noise_max if math.isfinite(bounds.noise_max) else request.noise_max
