@@ -260,12 +260,8 @@ class _Search:
         flaws = Flaws(friction=friction)
         seen = flaws.of_record(record)
         found = replace(self, dead_band=False).of(seen, rough_fit(seen, _ROUGH, loads=True)).behind(flaws)
-        return None if self._is_no_explanation(record, found) else found
-
-    def _is_no_explanation(self, record: Record, found: _Found) -> bool:
-        """Whether a flaw explains too little; where an experiment is known, what it has moved has judged the model."""
-        judged_otherwise = record.excitation is not None and bool(record.excitation.any())
-        return bool(found.refusal) or (not judged_otherwise and self._leaves_much(found.best))
+        is_judged = record.excitation is not None and bool(record.excitation.any())  # by what an experiment has moved
+        return None if found.refusal or (self._leaves_much(found.best) and not is_judged) else found
 
     def _behind_dead_band(self, record: Record, best: IdentifiedModel) -> _Found | None:
         """The same behind the dead band that a record speaks for; None where it speaks for none, or that is no use.
@@ -283,7 +279,7 @@ class _Search:
             if found is not None and other.best.noise >= found.best.noise:
                 break
             found, best = other, other.best
-        return None if found is None or self._is_no_explanation(record, found) else found
+        return None if found is None or found.refusal or self._leaves_much(found.best) else found
 
 
 def behind_slow_actuator(

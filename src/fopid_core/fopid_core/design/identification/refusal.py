@@ -24,6 +24,8 @@ CLOSE_FIT = 98.0
 """A prediction a sample ahead that explains so much [%] has left no load to hide."""
 MOST_UNSURE = 0.3
 """Largest standard deviation of an unstable pole, as a share of it."""
+REMEMBERS = 0.2
+"""Correlation of what is left, beyond which it is no noise, whatever the setpoint has moved."""
 FAR_TOO_SHORT = 60.0
 """A record that would have to be so many times longer shows no crossover."""
 MUCH_LONGER = 2.0
@@ -123,7 +125,7 @@ def refusal_beside_the_setpoint(record: Record, best: IdentifiedModel) -> str:
     What it leaves is no noise, and what it misses of that which follows from the setpoint is much, or drowned: in a
     loop that answers disturbances a rich model explains these by the control, and is wrong by any factor.
     """
-    is_noise = best.whiteness.white and not best.in_coloured_noise
+    is_noise = best.whiteness.correlation <= REMEMBERS and not best.in_coloured_noise
     setpoint = record.setpoint
     if setpoint is None or is_noise or best.structure.runs_away or record.excitation is not None:
         return ""
