@@ -166,8 +166,7 @@ def test_steps_by_hand_are_moves_from_outside_in_short_records_too(samples: int,
         assert ANSWERS not in told, (seed, told)
 
 
-@pytest.mark.parametrize("digits", [17, 8, 5])
-@pytest.mark.parametrize("over", [30, 60, 77])
+@pytest.mark.parametrize(("over", "digits"), [(30, 17), (60, 8), (77, 5)])
 def test_a_valve_that_is_driven_by_hand_in_ramps_is_moved_from_outside(over: int, digits: int) -> None:
     """Up and back between two values, which are then the smallest and the largest: that is no limit of a controller."""
     at, rng = np.arange(500.0), np.random.default_rng(over)
