@@ -139,7 +139,11 @@ def frequency_verb(phase_margin: float | None, t_max: str | None, s_max: str | N
 @click.option(
     "--structure", metavar="NAME", help="p, pi, pd, pid, fopi, fopd or fopid; else the simplest nearly as good."
 )
-@click.option("--filter-order", type=int, help="Of the measurement's filter: 0, 1 or 2; 0, or 2 for a noisy record.")
+@click.option(
+    "--filter-order",
+    type=int,
+    help="Of the measurement's filter: 0, 1 or 2; when not given 0, or 2 for a noisy record and where 0 will not do.",
+)
 @click.option("--two-degrees/--one-degree", default=None, help="Choose the setpoint's weights as well, or keep them 1.")
 @click.option("--start", metavar="KP,KI,KD,LAM,MU", help="A further point to begin from.")
 @click.option(

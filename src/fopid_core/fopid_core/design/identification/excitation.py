@@ -22,9 +22,7 @@ MOST_MISSED = 0.3
 """The largest share of what the instrument has moved that a model may miss."""
 
 
-def missed_share(
-    record: Record, time: Floats, measurement: Floats, residual: Floats, instrument: Floats
-) -> float:  # fmt: skip
+def missed_share(record: Record, time: Floats, measurement: Floats, residual: Floats, instrument: Floats) -> float:
     """Of what an instrument has moved, the share that a model misses; infinite where it has moved no more than chance.
 
     Measurement and residual are both projected on the instrument and its past. What disturbances have moved is in
