@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, tf2ss
 
+from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.recorded_tuning import tune_recorded
 from fopid_core.design.sampled_loop import running
@@ -17,7 +18,16 @@ from fopid_core.study.records import read_record
 DAYS = Path(__file__).with_name("days")
 
 
-def day(seed: int, wander: float) -> tuple[Record, str]:
+MOVES = {
+    "one step": lambda k: 4.0 * (k >= 60),
+    "two steps": lambda k: 1.0 * (k >= 60) + 1.0 * (k >= 60 + k.size // 2),
+    "a pulse": lambda k: 4.0 * ((k >= 60) & (k < 80)),
+    "ramps": lambda k: np.interp(k, [60, 100, 200, 250], [0.0, 4.0, 4.0, 1.0]),
+    "at every tick": lambda k: np.cumsum(0.3 * np.random.default_rng(0).standard_normal(k.size) * (k >= 60)),
+}
+
+
+def day(seed: int, wander: float, moves: str = "one step", noisy: float = 0.01) -> tuple[Record, str]:
     """Two lags behind a delay under a PI, of 1 s ticks; and the process."""
     rng = np.random.default_rng(seed)
     slow, delay = float(rng.uniform(8.0, 40.0)), int(rng.integers(1, 10))
@@ -27,7 +37,7 @@ def day(seed: int, wander: float) -> tuple[Record, str]:
     a, b, c, _, _ = cont2discrete(tf2ss([1.0], np.polymul([slow, 1.0], [quick, 1.0])), 1.0)
     kp = 0.15 * lags / (delay + 0.5 + 0.2 * lags)
     load = wander * np.cumsum(rng.standard_normal(samples))
-    noise, setpoint = 0.01 * rng.standard_normal(samples), 4.0 * (np.arange(samples) >= 60)
+    noise, setpoint = noisy * rng.standard_normal(samples), MOVES[moves](np.arange(samples))
     state, integral, waiting, rows = np.zeros((2, 1)), 0.0, [0.0] * delay, []
     for k in range(samples):
         measured = (c @ state).item() + noise[k]
@@ -65,3 +75,12 @@ def test_without_it_or_with_little_gains_come_and_hold(seed: int, wander: float)
     runs = running(read_process(process), found.tuned.tuning.controller, 1.0, found.tuned.tuning.filter)
     assert runs.stable
     assert runs.ms < 2.0 if not wander else runs.ms < 2.5
+
+
+@pytest.mark.parametrize("template", ["foptd", "nioptd2"])
+@pytest.mark.parametrize("moves", list(MOVES))
+def test_what_a_simple_model_leaves_of_a_loop_without_noise_is_no_load(moves: str, template: str) -> None:
+    """Ramps were refused, and two steps far apart: "what the setpoint has moved drowns in that"."""
+    record, _ = day(1, 0.0, moves, noisy=0.0)
+    found = identify(record, template)
+    assert found.success, found.message

@@ -15,14 +15,18 @@ from fopid_core.design.identification.record import Record
 from fopid_core.model.arrays import Floats
 
 _EDGES = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
-"""The answer to the instrument is looked for over as long as this many halves of the time it was held, in pieces."""
+"""The answer to the instrument is looked for over as long as this many halves of a hold, in pieces."""
+MANY_HALVES = _EDGES[-1]
+"""A record of so many halves shows the whole answer once."""
 BEYOND_CHANCE = 4.0
 """The instrument has moved the measurement when it explains so many times the power that it would explain by chance."""
 MOST_MISSED = 0.3
 """The largest share of what the instrument has moved that a model may miss."""
 
 
-def missed_share(record: Record, time: Floats, measurement: Floats, residual: Floats, instrument: Floats) -> float:
+def missed_share(
+    record: Record, time: Floats, measurement: Floats, residual: Floats, instrument: Floats, half: float
+) -> float:
     """Of what an instrument has moved, the share that a model misses; infinite where it has moved no more than chance.
 
     Measurement and residual are both projected on the instrument and its past. What disturbances have moved is in
@@ -35,6 +39,9 @@ def missed_share(record: Record, time: Floats, measurement: Floats, residual: Fl
         Instants after the record's first [s], the measurement there, and what the model leaves of it.
     instrument : ndarray, shape (samples of the record,)
         What moved the loop from outside: what an experiment added to its control, or its setpoint.
+    half : float
+        How closely the answer is looked at [s]: ``half_hold``, where the instrument is held for about as long as the
+        loop takes to answer.
 
     Examples
     --------
@@ -42,14 +49,12 @@ def missed_share(record: Record, time: Floats, measurement: Floats, residual: Fl
     >>> time, added = np.arange(600.0), np.repeat(rng.integers(0, 2, 60), 10).astype(float)
     >>> moved, noise = np.convolve(added, np.exp(-time / 5.0))[:600], rng.standard_normal(600)
     >>> record = Record(time, added, moved + noise)
-    >>> missed_share(record, time, moved + noise, noise, added) < 0.1
+    >>> missed_share(record, time, moved + noise, noise, added, half_hold(record, added)) < 0.1
     True
-    >>> missed_share(record, time, noise, 0.1 * noise, added)
+    >>> missed_share(record, time, noise, 0.1 * noise, added, half_hold(record, added))
     inf
     """
     instants = record.time - record.time[0]
-    moves = instants[np.flatnonzero(np.diff(instrument))]
-    half = 0.5 * float(np.median(np.diff(moves))) if moves.size > 1 else record.span / _EDGES[-1]
     summed = np.concatenate([[0.0], np.cumsum(instrument[:-1] * np.diff(instants))])
     means = np.diff([np.interp(time - half * edge, instants, summed) for edge in _EDGES], axis=0)
     late = time >= half
@@ -68,3 +73,17 @@ def missed_share(record: Record, time: Floats, measurement: Floats, residual: Fl
     if float(moved @ moved) < BEYOND_CHANCE * chance:
         return math.inf
     return float(np.linalg.norm(missed) / np.linalg.norm(moved))
+
+
+def half_hold(record: Record, instrument: Floats) -> float:
+    """Half of the time for which an instrument is held between its moves, their median [s]; a ramp is one move.
+
+    Examples
+    --------
+    >>> time = np.arange(60.0)
+    >>> half_hold(Record(time, time, time), np.interp(time, [10.0, 20.0, 40.0, 41.0], [0.0, 1.0, 1.0, 0.0]))
+    15.0
+    """
+    steps = np.sign(np.diff(instrument, prepend=instrument[0]))
+    begins = record.time[(steps != 0.0) & (steps != np.roll(steps, 1))]
+    return 0.5 * float(np.median(np.diff(begins))) if begins.size > 1 else record.span / MANY_HALVES

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from fopid_core.design.identification.excitation import MOST_MISSED, missed_share
+from fopid_core.design.identification.excitation import MANY_HALVES, MOST_MISSED, half_hold, missed_share
 from fopid_core.design.identification.feedback import moved_from_outside
 from fopid_core.design.identification.identified_model import MOST_DEVIATION, SHORTEST, IdentifiedModel
 from fopid_core.design.identification.record import Record
@@ -26,6 +26,8 @@ MOST_UNSURE = 0.3
 """Largest standard deviation of an unstable pole, as a share of it."""
 REMEMBERS = 0.2
 """Correlation of what is left, beyond which it is no noise, whatever the setpoint has moved."""
+ANSWERS = 0.3
+"""What a setpoint moves is looked at no closer than this over the crossover, however short it is held."""
 FAR_TOO_SHORT = 60.0
 """A record that would have to be so many times longer shows no crossover."""
 MUCH_LONGER = 2.0
@@ -132,7 +134,8 @@ def refusal_beside_the_setpoint(record: Record, best: IdentifiedModel) -> str:
     if not np.ptp(setpoint):
         return ""
     time, measurement, explained = best.simulated
-    missed = missed_share(record, time, measurement, measurement - explained, setpoint)
+    half = min(max(half_hold(record, setpoint), ANSWERS / best.crossover), record.span / MANY_HALVES)
+    missed = missed_share(record, time, measurement, measurement - explained, setpoint, half)
     if missed <= MOST_MISSED:
         return ""
     much = "drowns in that" if missed == math.inf else f"is missed by {min(100.0 * missed, 100.0):.0f} %"
@@ -153,7 +156,8 @@ def _missed(record: Record, best: IdentifiedModel) -> float:
     if record.excitation is None or not record.excitation.any():
         return math.nan
     time, measurement, explained = best.simulated
-    return missed_share(record, time, measurement, measurement - explained, record.excitation)
+    half = half_hold(record, record.excitation)
+    return missed_share(record, time, measurement, measurement - explained, record.excitation, half)
 
 
 def _advice(record: Record) -> str:
