@@ -17,7 +17,6 @@ from virtual_loop import TooLongError, VirtualLoop
 
 from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.errors import InputError
-from fopid_ros.tuner.learning.announcement import WORKED_OUT
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.running_controller import read_running_controller
@@ -42,15 +41,13 @@ def time_constant(name: str) -> float:
 
 
 def duration(name: str, seed: int) -> tuple[float, float]:
-    """From the first wait for rest to the end of an experiment, NaN for one that ended early; and what was said [s].
-
-    Without the time in which gains are worked out: no loop's time passes in a simulation meanwhile.
-    """
+    """From the first wait for rest to the end of an experiment, NaN for one that ended early; and what was said [s]."""
     exhibit = GALLERY[name]
     loop = VirtualLoop(exhibit, seed, longest=100.0 * exhibit.horizon)
     loop.run(REST * exhibit.horizon)
     began = loop.time
     made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())
+    said = made.length.experiment
     try:
         made.measure()
         since = loop.history.whole_since = loop.history.newest_time("control")
@@ -58,7 +55,7 @@ def duration(name: str, seed: int) -> tuple[float, float]:
         ended = made.excite(lambda: sufficiency.is_over(loop.history.record(since), made.may_widen))
     except (InputError, TooLongError) as error:
         ended = str(error)
-    return (math.nan if ended else loop.time - began), loop.stages[0].remaining - WORKED_OUT
+    return (math.nan if ended else loop.time - began), said
 
 
 def main() -> int:

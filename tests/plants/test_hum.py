@@ -12,8 +12,9 @@ from foreign_plants.parts import Actuator, Plant, Sensor, State
 from judging import judge
 from virtual_loop import VirtualLoop
 
-from fopid_ros.tuner.learning.closed_loop_experiment import TICKS_HEARD, ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.loop_baseline import MOST_UNREST, NOISES, LoopBaseline, quieter
+from fopid_ros.tuner.learning.rest import TICKS_HEARD
 from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 HUM, PERIOD, NOISE = 0.5, 7.0, 0.1

@@ -6,9 +6,9 @@ import pytest
 from foreign_plants.gallery import GALLERY
 from virtual_loop import VirtualLoop
 
-from fopid_ros.tuner.learning.closed_loop_experiment import LIVE_SHARE, ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
-from fopid_ros.tuner.learning.rest import heard_before
+from fopid_ros.tuner.learning.rest import LIVE_SHARE, TICKS_HEARD, heard_before, usual_rest
 from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 NAME, SEED = "furnace", 1
@@ -58,3 +58,18 @@ def test_what_came_before_a_silence_is_left_out(resting: VirtualLoop) -> None:
     resting._ticks += 30
     resting.run(10.0 * resting.sample_time)
     assert len(heard_before(resting.history, 1e9, gap)) == 10
+
+
+def test_with_slow_ticks_those_before_count_beyond_what_is_kept() -> None:
+    """Of 10 s ticks the tuner keeps 60, which are no hundred: a whole length was waited for, an hour."""
+    exhibit = GALLERY["cooled_reactor"]
+    loop = VirtualLoop(exhibit, SEED)
+    loop.run(0.3 * exhibit.horizon)
+    heard = loop.history.unmoved(TICKS_HEARD).size
+    assert 60 <= heard < TICKS_HEARD
+    began = loop.time
+    made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())  # type: ignore[arg-type]
+    usual = usual_rest(made.loop, loop.history, made.rest_window)
+    assert usual == pytest.approx((TICKS_HEARD - heard) * exhibit.sample_time)
+    made.measure()
+    assert loop.time - began == pytest.approx(usual, abs=LOOKED * made.rest_window + exhibit.sample_time)

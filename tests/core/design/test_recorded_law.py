@@ -50,13 +50,21 @@ def test_gains_of_the_wrong_sign_are_not_handed_out(seed: int) -> None:
 @pytest.mark.slow
 def test_identification_is_no_success_with_a_process_that_would_not_have_been_held() -> None:
     """The tuner's ~/identify adopted one of the wrong sign, for which ~/tune then handed out gains as verified."""
-    record = day(0, 25_000.0)
+    record = day(1, -25_000.0)
     alone, told = identify(record), learn(record)
     assert alone.success
     assert alone.best is not None
-    assert alone.best.process(0j).real > 0.0
+    assert alone.best.process(1e-3j).imag > 0.0
     assert not told.success
     assert "would not hold this process" in told.message
+
+
+@pytest.mark.slow
+def test_nor_with_one_that_misses_what_the_setpoint_has_moved() -> None:
+    """One of the wrong sign as well."""
+    found = identify(day(0, 25_000.0))
+    assert not found.success
+    assert "what the setpoint has moved" in found.message
 
 
 def test_a_process_that_the_controller_of_the_record_would_drive_away_contradicts_it() -> None:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from fopid_ros.tuner.learning.autotune import AutotuneRequest
     from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment
 
-TOTAL, UNTIL_KNOWN, UNTIL_PROVED = 2.0, 0.7, 1.9
-"""How long it usually takes, in lengths of an experiment: rest and one that is made whole; rest and one that ends when
-enough is known; that with gains tried out, a second round and a proof."""
+UNTIL_KNOWN, WHOLE, AFTERWARDS = 0.38, 1.45, 1.1
+"""How long it usually takes to move the loop, in lengths of an experiment that is made whole: until enough is known; a
+whole one with its probes. And what follows where gains are tried out: watched, a second round, a proof."""
+LATEST = 1.45
+"""An experiment that ends when enough is known takes no more than so many times what is said of it, with a tick or two
+within 1.5."""
 LONGEST, LONGEST_PROVED = 3.0, 8.5
 """No further experiment is begun that would end later than this, in the same lengths; with what follows so many have
 been seen, where the loop turned out far slower than its integral time."""
@@ -18,13 +22,16 @@ WORKED_OUT = 20.0
 """How long it usually takes to work gains out [s]; that depends on the computer."""
 
 
-def usual_time(length: float, until_known: bool, proved: bool) -> float:
-    """How long all of it usually takes [s].
+@dataclass(frozen=True)
+class TestLength:
+    """How long an experiment takes, as it is said before it begins.
 
-    Parameters
+    Attributes
     ----------
-    length : float
-        Of a whole experiment [s].
+    whole : float
+        Of one that is made whole, without what comes before it [s].
+    rest : float
+        For which it is waited before [s].
     until_known : bool
         Whether it ends once enough is known.
     proved : bool
@@ -32,26 +39,38 @@ def usual_time(length: float, until_known: bool, proved: bool) -> float:
 
     Examples
     --------
-    >>> usual_time(100.0, until_known=True, proved=True)
-    210.0
+    >>> length = TestLength(whole=100.0, rest=2.0, until_known=True, proved=False)
+    >>> length.experiment, length.in_all
+    (40.0, 60.0)
+    >>> print(length)
+    an experiment of about 40 s, about 60 s in all (gains worked out), up to 320 s where it says too little
     """
-    lengths = TOTAL if not until_known else UNTIL_PROVED if proved else UNTIL_KNOWN
-    return lengths * length + WORKED_OUT
 
+    whole: float
+    rest: float
+    until_known: bool
+    proved: bool
 
-def announcement(length: float, until_known: bool, proved: bool) -> str:
-    """The same in words, and how long at most.
+    @property
+    def experiment(self) -> float:
+        """Rest, and while the loop is moved [s]."""
+        return self.rest + (UNTIL_KNOWN if self.until_known else WHOLE) * self.whole
 
-    Examples
-    --------
-    >>> announcement(100.0, until_known=True, proved=False)
-    'about 90 s in all (rest, experiments, gains worked out), up to 320 s where they say too little'
-    """
-    most = (LONGEST_PROVED if proved else LONGEST) * length + WORKED_OUT
-    parts = "rest, experiments, gains worked out" + (", watched and proved" if proved else "")
-    usual = usual_time(length, until_known, proved)
-    longest = f"up to {most:.3g} s " + ("have been seen" if proved else "where they say too little")
-    return f"about {usual:.3g} s in all ({parts}), {longest}"
+    @property
+    def in_all(self) -> float:
+        """With all that follows [s]."""
+        return self.experiment + AFTERWARDS * self.whole * self.proved + WORKED_OUT
+
+    @property
+    def latest(self) -> float:
+        """After rest an experiment that ends when enough is known is over in any case [s]."""
+        return LATEST * self.experiment - self.rest
+
+    def __str__(self) -> str:
+        most = (LONGEST_PROVED if self.proved else LONGEST) * self.whole + WORKED_OUT
+        parts = "gains worked out" + (", watched and proved" if self.proved else "")
+        longest = f"up to {most:.3g} s " + ("have been seen" if self.proved else "where it says too little")
+        return f"an experiment of about {self.experiment:.3g} s, about {self.in_all:.3g} s in all ({parts}), {longest}"
 
 
 def planned(
@@ -75,7 +94,7 @@ def planned(
         f"tuning: by {methods}", "verifying: on every process that the record leaves possible",
     ]  # fmt: skip
     if request.propose_only:
-        return [*lines, "nothing is applied: the gains are proposed"], experiment.estimate
+        return [*lines, "nothing is applied: the gains are proposed"], experiment.length.in_all
     watching = "watching: for ten response times; the gains from before come back if the loop gets worse"
     proving = (
         "proving: moved once more as far as that, then up to half of what is allowed, and by pulses of the control, as "
@@ -86,4 +105,4 @@ def planned(
     if has_a_second_round:
         where = "where the record does not show the process's slow end, or these are much livelier"
         lines.append(f"all that once more with the new gains, {where}")
-    return lines, experiment.estimate
+    return lines, experiment.length.in_all

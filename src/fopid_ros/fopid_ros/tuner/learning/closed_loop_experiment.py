@@ -4,31 +4,27 @@ from __future__ import annotations
 
 import math
 import threading
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from fopid_core.design.identification.noise import reported_step
 from fopid_core.errors import InputError
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
-from fopid_ros.tuner.learning.announcement import LONGEST, announcement, usual_time
+from fopid_ros.tuner.learning.announcement import LONGEST, TestLength
 from fopid_ros.tuner.learning.calm import Calm
-from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
+from fopid_ros.tuner.learning.guarded_excitation import TO_ITS_END, GuardedExcitation, Until
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
-from fopid_ros.tuner.learning.rest import RestlessError, bear, heard_before
+from fopid_ros.tuner.learning.rest import RestingLoop, RestlessError, usual_rest
 from fopid_ros.tuner.learning.running_controller import INTEGRAL_TIMES, TICKS_MIN, integral_time
 
 PRBS_ORDER = 5
 EXCITATIONS = {"prbs": (1 << PRBS_ORDER) - 1, "relay": 8, "step": 2}
 """Kinds of experiment, and into how many holds each divides its duration."""
-REST_SHARE, LIVE_SHARE, LOOKS = 0.08, 0.25, 10
-"""Share of that length over which rest is judged, share of it that is waited for where the loop was heard before, and
-how often it is looked at meanwhile."""
-TICKS_LEAST = 20
-"""So many ticks tell whether the loop rests; a busy machine may lose some."""
+REST_SHARE = 0.08
+"""Share of that length over which rest is judged."""
 PROBE_SHARE, PROBE_SHARE_UNTIL_KNOWN, PROBES = 1.0 / 12.0, 1.0 / 24.0, 8
 """Share of that length that a probe is held at most, also of an experiment that ends when enough is known, and how many
 there are at most."""
@@ -64,11 +60,11 @@ SMOOTHED_SHARE = 0.2
 """Share of that calm over which noise is averaged out: of a hundred samples one is often beyond three deviations."""
 SEEN_SAMPLES = 2000
 """So many of the newest samples show how a measurement is quantised."""
-TICKS_HEARD, TICKS_REMEMBERED = 100, 20_000
-"""So many ticks at rest are waited for, those before it included: fewer tell no spectrum of the noise. So many at most
-are looked through for samples that are far off, which come seldom."""
-LOOKS_AT = (2, 3, 4, 5, 6, 8, 10, 13, 17, 22)
-"""After how many holds of a prbs it is looked whether enough is known."""
+TICKS_REMEMBERED = 20_000
+"""So many ticks at rest at most are looked through for samples that are far off, which come seldom."""
+LOOKS_AT, FEWEST_HOLDS = (2, 3, 4, 5, 6, 8, 10, 13, 17, 22), 4
+"""After how many holds of a prbs it is looked whether enough is known, and how many there are in any case where it is
+not."""
 WAY_BACK = (0.5, 0.6, 0.7, 0.8, 0.9)
 """Where a probe is on its way back and may be over before its time, since the measurement is back where it was."""
 FORESIGHT = 0.25
@@ -134,6 +130,7 @@ class ClosedLoopExperiment:
         self._tap, self._wait, self._wanted, self._before = tap, wait, wanted, before
         self._amplitude = self._peak = self._foresight = 0.0
         self.latest = math.inf
+        self._ends = math.inf
         self._first, self._widened, self.escaped = True, False, ""
         self.duration = self._chosen_duration()
 
@@ -192,64 +189,32 @@ class ClosedLoopExperiment:
         InputError
             If an amplitude that was asked for leaves its limits.
         """
-        loop, duration = self.loop, self.duration
-        window = self.rest_window
-        ticks = deque(heard_before(self._tap.history, window, TICKS_LEAST * loop.controller.sample_time))
-        rest = [ticks[0].time] if ticks else []
-        begun: list[float] = []
-        looked: list[float] = [-math.inf]
-
-        def hook(tick: Tick) -> None:
-            if not begun:
-                begun.append(tick.time)
-                rest.append(tick.time)
-                self.latest = min(self.latest, tick.time + LONGEST * self.duration)
-            ticks.append(tick)
-            while tick.time - ticks[0].time > window:
-                ticks.popleft()
-
-        def measured() -> bool:
-            if not begun:
-                return False
-            bear(ticks, borne)
-            now = ticks[-1].time
-            is_early = now - begun[0] < LIVE_SHARE * window or now - rest[0] < window
-            if is_early or now - looked[0] < window / LOOKS:
-                return False
-            if len(ticks) < TICKS_LEAST:
-                if now - begun[0] > duration:
-                    heard = f"{len(ticks)} ticks of the controller heard in {window:.3g} s"
-                    raise InputError(f"{heard}; allowed: {TICKS_LEAST} or more")
-                return False
-            looked[0] = now
-            loop.measure(list(ticks), self._wanted.deviation_max, self._tap.history.travel("setpoint"))
-            heard = loop.at_steady_state and self._tap.history.unmoved(TICKS_HEARD).size >= TICKS_HEARD
-            return heard or now - begun[0] > duration
-
-        self._tap.set_tick_hook(hook)
-        left, told = (self.estimate, self.announced) if announced else (0.0, "until the loop rests")
-        self._wait.until(measured, lambda: Stage("measuring", 0.0, left, loop.offset, message=told))
+        loop, history, asked = self.loop, self._tap.history, self._wanted.deviation_max
+        length = self.length
+        resting = RestingLoop(loop, history, self.rest_window, self.duration, asked)
+        self._tap.set_tick_hook(resting.hear)
+        left, told = (length.in_all, str(length)) if announced else (0.0, "until the loop rests")
+        self._wait.until(
+            lambda: resting.is_over(borne), lambda: Stage("measuring", 0.0, left, loop.offset, message=told)
+        )
+        self.latest = min(self.latest, resting.began + LONGEST * self.duration)
+        self._ends = resting.newest + length.latest
         if not loop.at_steady_state:
-            raise RestlessError(loop.why_not_at_rest(duration))
-        unmoved = self._tap.history.unmoved(TICKS_REMEMBERED)
-        loop.listen(unmoved, self._wanted.deviation_max, self._tap.history.travel("setpoint"))
+            raise RestlessError(loop.why_not_at_rest(self.duration))
+        loop.listen(history.unmoved(TICKS_REMEMBERED), asked, history.travel("setpoint"))
         loop.check_amplitude(self._wanted.amplitude)
 
     @property
-    def estimate(self) -> float:
-        """How long all of it usually takes [s]."""
-        return usual_time(self.duration, self.ends_when_known, self._wanted.proved)
+    def length(self) -> TestLength:
+        """How long all of it usually takes."""
+        rest = usual_rest(self.loop, self._tap.history, self.rest_window)
+        return TestLength(self.duration, rest, self.ends_when_known, self._wanted.proved)
 
     @property
     def ends_when_known(self) -> bool:
         """Whether it may end before its time, since nobody has said that."""
         wanted = self._wanted
         return wanted.until_known and wanted.excitation == "prbs" and not wanted.duration
-
-    @property
-    def announced(self) -> str:
-        """How long it takes, in words."""
-        return announcement(self.duration, self.ends_when_known, self._wanted.proved)
 
     @property
     def newest(self) -> float:
@@ -274,7 +239,7 @@ class ClosedLoopExperiment:
         str
             Why it was stopped; empty when it came to its end.
         """
-        looks = [look / EXCITATIONS["prbs"] for look in LOOKS_AT] if self.ends_when_known and self._first else []
+        until = known if self.ends_when_known and self._first else None
         self._first = False
         if self._wanted.amplitude:
             self._amplitude = self._wanted.amplitude
@@ -285,12 +250,13 @@ class ClosedLoopExperiment:
         else:
             larger = MOST_SHARE * self.loop.deviation_max / max(self._peak, 1e-300)
             self._amplitude = min(self._amplitude * min(max(larger, 1.0), MOST_LARGER_AGAIN), self._most())
-        excitation = self._made_whole(known, looks)
+        excitation = self._made_whole(until)
         for _ in range(0 if self._wanted.deviation_max or self._wanted.amplitude else AGAIN):
             if not excitation.outside or self.settle("exciting", 0.1) > self.furthest:
                 break
             self._amplitude *= GENTLER
-            excitation = self._made_whole(known, looks)
+            self._ends = self.newest + self.length.latest
+            excitation = self._made_whole(until)
         return "" if excitation.completed else excitation.reason
 
     @property
@@ -309,6 +275,7 @@ class ClosedLoopExperiment:
         if not self.may_widen:
             return False
         self._widened = self._first = True  # what it shows is looked at anew
+        self._ends = self.newest + self.length.latest
         self.loop.allow_a_bump()
         return True
 
@@ -335,12 +302,20 @@ class ClosedLoopExperiment:
         borne = BARELY * self.loop.deviation_max
         return self.settle("exciting", 0.6, borne) <= borne
 
-    def _made_whole(self, known: Callable[[], bool], looks: Sequence[float]) -> Excitation:
-        """The excitation itself, with the amplitude that was found."""
+    def _made_whole(self, known: Callable[[], bool] | None) -> Excitation:
+        """The excitation itself, with the amplitude that was found; until enough is known, where that is asked."""
         excitation = Excitation(self._settings(self._wanted.excitation, self._amplitude, self.duration))
-        self._run_excitation(excitation, lambda: 0.1 + 0.5 * excitation.progress, known=lambda _: known(), looks=looks)
+        self._run_excitation(excitation, lambda: 0.1 + 0.5 * excitation.progress, until=self._until(known))
         self._note_resolution()
         return excitation
+
+    def _until(self, known: Callable[[], bool] | None) -> Until:
+        """When it may end before its time: once enough is known, and when it takes longer than was said."""
+        if known is None:
+            return TO_ITS_END
+        latest = max((self._ends - self.newest) / self.duration, FEWEST_HOLDS / EXCITATIONS["prbs"])
+        looks = [look / EXCITATIONS["prbs"] for look in LOOKS_AT]
+        return Until(lambda _: known(), tuple(look for look in looks if look < latest), latest)
 
     def settle(self, phase: str, progress: float, borne: float = math.inf) -> float:
         """Wait until the experiment has died out, not longer than that should take; the largest deviation meanwhile.
@@ -398,7 +373,7 @@ class ClosedLoopExperiment:
             if waits:  # the longest moves of a prbs are no longer than such a probe
                 wanted *= MOST_SHARE / WANTED_SHARE
             excitation = Excitation(self._settings("step", amplitude, 2.0 * share * self.duration))
-            guarded = self._run_excitation(excitation, lambda: 0.05, wanted, is_back, looks)
+            guarded = self._run_excitation(excitation, lambda: 0.05, wanted, Until(is_back, looks))
             if not excitation.completed:
                 return excitation.reason
             self._note_resolution()
@@ -444,11 +419,12 @@ class ClosedLoopExperiment:
 
     def _run_excitation(
         self, excitation: Excitation, progress: Callable[[], float], enough: float = math.inf,
-        known: Callable[[GuardedExcitation], bool] = lambda _: False, looks: Sequence[float] = (),
+        until: Until = TO_ITS_END,
     ) -> GuardedExcitation:  # fmt: skip
-        """Run an experiment tick by tick, at the pace of the controller; at these shares of it, see what is known."""
+        """Run an experiment tick by tick, at the pace of the controller."""
         loop, ended, last = self.loop, threading.Event(), [0.0]
-        guarded = GuardedExcitation(excitation, loop, self._foresight or FORESIGHT * excitation.settings.hold, enough)
+        foresight = self._foresight or FORESIGHT * excitation.settings.hold
+        guarded = GuardedExcitation(excitation, loop, foresight, enough, until.latest)
 
         def hook(tick: Tick) -> None:
             if ended.is_set():
@@ -461,24 +437,24 @@ class ClosedLoopExperiment:
                 ended.set()
 
         self._tap.set_tick_hook(hook)
-        whole, asked = excitation.settings.duration, excitation.settings
-        told = (
-            f"{asked.kind} of {asked.amplitude:.3g} for {whole:.3g} s, within {loop.deviation_max:.3g} of the setpoint"
-        )
+        asked = excitation.settings
+        whole = min(until.latest, 1.0) * asked.duration
+        lasts = f"{'up to ' * (until.latest < 1.0)}{whole:.3g} s, within {loop.deviation_max:.3g} of the setpoint"
+        told = f"{asked.kind} of {asked.amplitude:.3g} for {lasts}"
 
         def run_until(share: float) -> bool:
             """Whether it is over when so much of it has been made."""
             self._wait.until(lambda: ended.is_set() or excitation.progress >= share, lambda: Stage(
-                "exciting", progress(), (1.0 - excitation.progress) * whole,
+                "exciting", progress(), max(whole - excitation.progress * asked.duration, 0.0),
                 self._tap.history.newest("measurement") - loop.setpoint,
                 message=told,
             ))  # fmt: skip
             return ended.is_set()
 
-        for share in looks:
+        for share in until.looks:
             if run_until(share):
                 break
-            if known(guarded):  # meanwhile it goes on
+            if until.known(guarded):  # meanwhile it goes on
                 guarded.complete("enough is known")
                 break
         run_until(math.inf)
