@@ -54,6 +54,24 @@ def test_a_slow_end_that_was_not_seen_asks_for_more() -> None:
     assert sufficiency.look(record(0.001, 130, 30.0, 5)), sufficiency.missing
 
 
+def test_a_look_that_is_content_with_less_takes_what_another_would_not() -> None:
+    shorter, longer = record(0.01, 120), record(0.01, 130, lag=5.7)
+    enough = []
+    for content in (1.0, 2.0):
+        sufficiency = Sufficiency("foptd", 0.01, 1.0)
+        sufficiency.look(shorter)
+        enough.append(sufficiency.look(longer, content))
+    assert enough == [False, True]
+
+
+def test_any_process_is_enough_for_one_that_is_content_with_that_but_none_is_not() -> None:
+    sufficiency = Sufficiency("foptd", 0.01, 1.0)
+    assert sufficiency.look(record(0.01, 80), np.inf), "with nothing before it"
+    quiet = record(0.01, 80)
+    assert not sufficiency.look(replace(quiet, measurement=np.sin(quiet.time)), np.inf)
+    assert sufficiency.missing
+
+
 @pytest.mark.parametrize(
     ("text", "crossover", "seconds"),
     [("2/(5s+1)*exp(-s)", 0.3, 6.0), ("2/((3s+1)(4s+1))", 0.2, 7.0), ("1/s", 1.0, 0.0), ("1/(s(s+1))", 1.0, 1.0)],

@@ -8,6 +8,8 @@ same when the record was shorter, and the record is longer than what the process
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from fopid_core.design.identification.identify import behind_slow_actuator, identify
@@ -70,12 +72,19 @@ class Sufficiency:
         """Whether so many looks in a row have shown no process that no more is expected."""
         return self._failed >= IN_VAIN
 
-    def is_over(self, record: Record, may_widen: bool) -> bool:
+    def is_over(self, record: Record, may_widen: bool, content: float = 1.0) -> bool:
         """Whether the record says enough, or nothing will in moves as small as these, where these may be larger."""
-        return self.look(record) or (self.is_vain and may_widen)
+        return self.look(record, content) or (self.is_vain and may_widen)
 
-    def look(self, record: Record) -> bool:
-        """Whether the record says enough; each look is at a longer one than the look before."""
+    def look(self, record: Record, content: float = 1.0) -> bool:
+        """Whether the record says enough; each look is at a longer one than the look before.
+
+        Parameters
+        ----------
+        record : Record
+        content : float
+            So many times what is wanted is enough; infinite for any process.
+        """
         self._closely = self._closely or self._failed >= CLOSER
         found = identify(record, self._template, noise=self._noise, unstable=self._closely)
         before, self._before = self._before, None
@@ -93,15 +102,15 @@ class Sufficiency:
         spread = float(np.sqrt(np.mean([differences(other, held, frequencies) ** 2 for other in drawn], axis=0)).max())
         dispute = max((float(differences(other, held, frequencies).max()) for other in disputed), default=0.0)
         change = 0.0 if before is None else float(differences(before, process, frequencies).max())
-        needed = RESIDENCES * residence_time(process, found.best.crossover)
+        needed = RESIDENCES / content * residence_time(process, found.best.crossover)
         self.missing = ""
-        if before is None:
+        if before is None and content < math.inf:
             self.missing = "nothing to compare the process with: no shorter record showed one"
-        elif spread > SPREAD:
+        elif spread > SPREAD and content < math.inf:
             self.missing = f"the process is known to {100 * spread:.0f} % of its size ({100 * SPREAD:.0f} % is wanted)"
-        elif dispute > DISPUTED:
+        elif dispute > content * DISPUTED:
             self.missing = f"a process that differs by {100 * dispute:.0f} % explains the record as well"
-        elif change > CHANGE:
+        elif change > content * CHANGE:
             self.missing = f"the process differs by {100 * change:.0f} % from what a shorter record showed"
         elif needed > record.span:
             self.missing = f"the process needs {needed:.3g} s to come to rest, and the record has {record.span:.3g} s"

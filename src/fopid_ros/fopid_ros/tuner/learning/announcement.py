@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from fopid_ros.tuner.learning.autotune import AutotuneRequest
     from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment
 
-UNTIL_KNOWN, WHOLE, AFTERWARDS = 0.38, 1.45, 1.1
+UNTIL_KNOWN, WHOLE, AFTERWARDS = 0.38, 1.45, 1.35
 """How long it usually takes to move the loop, in lengths of an experiment that is made whole: until enough is known; a
 whole one with its probes. And what follows where gains are tried out: watched, a second round, a proof."""
 LATEST = 1.45

@@ -211,7 +211,7 @@ class Autotuner:
             if self._tap.history.ticks_since(began) < FEWEST_SAMPLES:
                 return False
             heard = self._behind_actuator(self._tap.history.record(began))
-            return sufficiency.is_over(heard, self._experiment.may_widen)
+            return sufficiency.is_over(heard, self._experiment.may_widen, self._experiment.content)
 
         for _ in range(EXPERIMENTS):
             ended = self._experiment.excite(is_over)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from fopid_core.design.identification.noise import reported_step
@@ -12,7 +12,7 @@ from fopid_core.errors import InputError
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
 from fopid_ros.tuner.learning.announcement import LONGEST, TestLength
 from fopid_ros.tuner.learning.calm import Calm
-from fopid_ros.tuner.learning.guarded_excitation import TO_ITS_END, GuardedExcitation, Until
+from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
@@ -62,9 +62,8 @@ SEEN_SAMPLES = 2000
 """So many of the newest samples show how a measurement is quantised."""
 TICKS_REMEMBERED = 20_000
 """So many ticks at rest at most are looked through for samples that are far off, which come seldom."""
-LOOKS_AT, FEWEST_HOLDS = (2, 3, 4, 5, 6, 8, 10, 13, 17, 22), 4
-"""After how many holds of a prbs it is looked whether enough is known, and how many there are in any case where it is
-not."""
+LOOKS_AT = (2, 3, 4, 5, 6, 8, 10, 13, 17, 22)
+"""After how many holds of a prbs it is looked whether enough is known."""
 WAY_BACK = (0.5, 0.6, 0.7, 0.8, 0.9)
 """Where a probe is on its way back and may be over before its time, since the measurement is back where it was."""
 FORESIGHT = 0.25
@@ -116,6 +115,8 @@ class ClosedLoopExperiment:
     ----------
     duration : float
         How long one experiment takes [s].
+    content : float
+        How many times what is wanted of a look at its record is enough.
     latest : float
         No further experiment is begun that would end later, by the loop's time [s].
     escaped : str
@@ -130,7 +131,8 @@ class ClosedLoopExperiment:
         self._tap, self._wait, self._wanted, self._before = tap, wait, wanted, before
         self._amplitude = self._peak = self._foresight = 0.0
         self.latest = math.inf
-        self._ends = math.inf
+        self.content = 1.0
+        self._began, self._said, self._due = math.nan, math.inf, math.inf
         self._first, self._widened, self.escaped = True, False, ""
         self.duration = self._chosen_duration()
 
@@ -198,7 +200,7 @@ class ClosedLoopExperiment:
             lambda: resting.is_over(borne), lambda: Stage("measuring", 0.0, left, loop.offset, message=told)
         )
         self.latest = min(self.latest, resting.began + LONGEST * self.duration)
-        self._ends = resting.newest + length.latest
+        self._began, self._said, self._due = resting.began, length.experiment, resting.newest + length.latest
         if not loop.at_steady_state:
             raise RestlessError(loop.why_not_at_rest(self.duration))
         loop.listen(history.unmoved(TICKS_REMEMBERED), asked, history.travel("setpoint"))
@@ -255,7 +257,7 @@ class ClosedLoopExperiment:
             if not excitation.outside or self.settle("exciting", 0.1) > self.furthest:
                 break
             self._amplitude *= GENTLER
-            self._ends = self.newest + self.length.latest
+            self._begin_anew()
             excitation = self._made_whole(until)
         return "" if excitation.completed else excitation.reason
 
@@ -275,7 +277,7 @@ class ClosedLoopExperiment:
         if not self.may_widen:
             return False
         self._widened = self._first = True  # what it shows is looked at anew
-        self._ends = self.newest + self.length.latest
+        self._begin_anew()
         self.loop.allow_a_bump()
         return True
 
@@ -302,20 +304,34 @@ class ClosedLoopExperiment:
         borne = BARELY * self.loop.deviation_max
         return self.settle("exciting", 0.6, borne) <= borne
 
+    def _begin_anew(self) -> None:
+        """What is said of an experiment holds for the next as well."""
+        length = self.length
+        self._began, self._said, self._due = self.newest, length.experiment, self.newest + length.latest
+
     def _made_whole(self, known: Callable[[], bool] | None) -> Excitation:
         """The excitation itself, with the amplitude that was found; until enough is known, where that is asked."""
         excitation = Excitation(self._settings(self._wanted.excitation, self._amplitude, self.duration))
-        self._run_excitation(excitation, lambda: 0.1 + 0.5 * excitation.progress, until=self._until(known))
+        looks = [look / EXCITATIONS["prbs"] for look in LOOKS_AT]
+        due = (self._due - self.newest) / self.duration
+        looks = sorted([*looks, due]) if looks[0] < due < 1.0 else looks
+        self._run_excitation(
+            excitation, lambda: 0.1 + 0.5 * excitation.progress,
+            known=lambda _: known is not None and self._looks(known), looks=looks if known else (),
+        )  # fmt: skip
         self._note_resolution()
         return excitation
 
-    def _until(self, known: Callable[[], bool] | None) -> Until:
-        """When it may end before its time: once enough is known, and when it takes longer than was said."""
-        if known is None:
-            return TO_ITS_END
-        latest = max((self._ends - self.newest) / self.duration, FEWEST_HOLDS / EXCITATIONS["prbs"])
-        looks = [look / EXCITATIONS["prbs"] for look in LOOKS_AT]
-        return Until(lambda _: known(), tuple(look for look in looks if look < latest), latest)
+    def _looks(self, known: Callable[[], bool]) -> bool:
+        """Whether enough is known: with less, where it takes longer than was said, and with any process when due.
+
+        Where none shows then, what was said is past: enough is what it was before.
+        """
+        if self.newest >= self._due:
+            self.content, self._due, self._said = math.inf, math.inf, math.inf
+        else:
+            self.content = max((self.newest - self._began) / self._said, 1.0) ** 2
+        return known()
 
     def settle(self, phase: str, progress: float, borne: float = math.inf) -> float:
         """Wait until the experiment has died out, not longer than that should take; the largest deviation meanwhile.
@@ -373,7 +389,7 @@ class ClosedLoopExperiment:
             if waits:  # the longest moves of a prbs are no longer than such a probe
                 wanted *= MOST_SHARE / WANTED_SHARE
             excitation = Excitation(self._settings("step", amplitude, 2.0 * share * self.duration))
-            guarded = self._run_excitation(excitation, lambda: 0.05, wanted, Until(is_back, looks))
+            guarded = self._run_excitation(excitation, lambda: 0.05, wanted, is_back, looks)
             if not excitation.completed:
                 return excitation.reason
             self._note_resolution()
@@ -419,12 +435,11 @@ class ClosedLoopExperiment:
 
     def _run_excitation(
         self, excitation: Excitation, progress: Callable[[], float], enough: float = math.inf,
-        until: Until = TO_ITS_END,
+        known: Callable[[GuardedExcitation], bool] = lambda _: False, looks: Sequence[float] = (),
     ) -> GuardedExcitation:  # fmt: skip
-        """Run an experiment tick by tick, at the pace of the controller."""
+        """Run an experiment tick by tick, at the pace of the controller; at these shares of it, see what is known."""
         loop, ended, last = self.loop, threading.Event(), [0.0]
-        foresight = self._foresight or FORESIGHT * excitation.settings.hold
-        guarded = GuardedExcitation(excitation, loop, foresight, enough, until.latest)
+        guarded = GuardedExcitation(excitation, loop, self._foresight or FORESIGHT * excitation.settings.hold, enough)
 
         def hook(tick: Tick) -> None:
             if ended.is_set():
@@ -437,24 +452,23 @@ class ClosedLoopExperiment:
                 ended.set()
 
         self._tap.set_tick_hook(hook)
-        asked = excitation.settings
-        whole = min(until.latest, 1.0) * asked.duration
-        lasts = f"{'up to ' * (until.latest < 1.0)}{whole:.3g} s, within {loop.deviation_max:.3g} of the setpoint"
+        asked, whole = excitation.settings, excitation.settings.duration
+        lasts = f"{'up to ' * bool(looks)}{whole:.3g} s, within {loop.deviation_max:.3g} of the setpoint"
         told = f"{asked.kind} of {asked.amplitude:.3g} for {lasts}"
 
         def run_until(share: float) -> bool:
             """Whether it is over when so much of it has been made."""
             self._wait.until(lambda: ended.is_set() or excitation.progress >= share, lambda: Stage(
-                "exciting", progress(), max(whole - excitation.progress * asked.duration, 0.0),
+                "exciting", progress(), (1.0 - excitation.progress) * whole,
                 self._tap.history.newest("measurement") - loop.setpoint,
                 message=told,
             ))  # fmt: skip
             return ended.is_set()
 
-        for share in until.looks:
+        for share in looks:
             if run_until(share):
                 break
-            if until.known(guarded):  # meanwhile it goes on
+            if known(guarded):  # meanwhile it goes on
                 guarded.complete("enough is known")
                 break
         run_until(math.inf)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 
 from fopid_core.runtime.excitation import Excitation
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
@@ -35,8 +33,6 @@ class GuardedExcitation:
         How far ahead the measurement is judged [s]: about the time in which the loop answers.
     enough : float
         Deviation at which the experiment has come to its end; infinite for none.
-    latest : float
-        Share of its duration at which it has; also while somebody takes long to see whether enough is known.
 
     Attributes
     ----------
@@ -46,14 +42,11 @@ class GuardedExcitation:
         When half of that was reached [s]; NaN before.
     """
 
-    def __init__(
-        self, excitation: Excitation, loop: LoopBaseline, foresight: float, enough: float = math.inf,
-        latest: float = math.inf,
-    ) -> None:  # fmt: skip
+    def __init__(self, excitation: Excitation, loop: LoopBaseline, foresight: float, enough: float = math.inf) -> None:
         self.excitation, self._loop = excitation, loop
         self._smoothing = max(SMOOTHED * excitation.settings.hold, SMOOTHED_AHEAD * foresight)
         self._foresight = foresight + self._smoothing  # by which the average is late
-        self._enough, self._latest = enough, latest
+        self._enough = enough
         self._oldest = max(OLDEST, OLDEST_TICKS * loop.controller.sample_time)
         self._scale, self._shrinks, self._braking = 1.0, 0, False
         self.level = self._speed = 0.0
@@ -92,8 +85,6 @@ class GuardedExcitation:
             self.end(reason)
         if not self.finished and self.peak >= self._enough:
             self.complete("moved far enough")
-        if self.excitation.progress >= self._latest:
-            self.complete("it took as long as was said")
         self._brake(tick)
         return 0.0 if self.finished or self._braking else self._scale * added
 
@@ -144,25 +135,3 @@ class GuardedExcitation:
             self._braking = True
             self._scale *= SHRINK
             self._shrinks += 1
-
-
-@dataclass(frozen=True)
-class Until:
-    """When an experiment ends before its time, in shares of that.
-
-    Attributes
-    ----------
-    known : callable
-        Whether enough is known; may take its time.
-    looks : tuple of float
-        When that is asked.
-    latest : float
-        When it ends in any case.
-    """
-
-    known: Callable[[GuardedExcitation], bool] = lambda _: False
-    looks: tuple[float, ...] = ()
-    latest: float = math.inf
-
-
-TO_ITS_END = Until()

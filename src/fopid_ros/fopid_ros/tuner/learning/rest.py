@@ -90,15 +90,14 @@ class RestingLoop:
         self._loop, self._history, self._window, self._longest = loop, history, window, longest
         self._deviation_max = deviation_max
         self._ticks = deque(_heard_of(loop, history, window))
-        self.began = self.newest = math.nan
-        self._rests_since = self._ticks[0].time if self._ticks else math.nan
+        self.began = self.newest = self._rests_since = math.nan
         self._looked = -math.inf
 
     def hear(self, tick: Tick) -> None:
         """Take a tick."""
         if math.isnan(self.began):
             self.began = tick.time
-            self._rests_since = self._rests_since if self._ticks else tick.time
+            self._rests_since = self._ticks[0].time if self._ticks else tick.time
             heard_since = tick.time - TICKS_HEARD * self._loop.controller.sample_time  # slow ticks take long
             self._history.whole_since = min(self._history.whole_since, heard_since)
         self.newest = tick.time
