@@ -131,4 +131,4 @@ def test_it_is_safe_on_all_plants_and_over_in_time(name: str) -> None:
     loop, made, began = experiment(name, 2)
     assert is_safe(name, loop, made, began)
     said, took = loop.stages[0].remaining - WORKED_OUT, loop.time - 0.3 * GALLERY[name].horizon
-    assert said / 2.0 <= took <= (1.85 if name in STICKING else 1.5) * said, "of what is said first"
+    assert said / 2.0 <= took <= (3.1 if name in STICKING else 1.5) * said, "of what is said first"
