@@ -22,7 +22,6 @@ from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.running_controller import read_running_controller
 
-
 STICKING = ("motor_position", "mujoco_cart")
 """No process shows in their small moves, or another than in a longer record."""
 
