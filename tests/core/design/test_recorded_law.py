@@ -65,6 +65,8 @@ def test_nor_with_one_that_misses_what_the_setpoint_has_moved() -> None:
     found = identify(day(0, 25_000.0))
     assert not found.success
     assert "what the setpoint has moved" in found.message
+    assert found.best is not None
+    assert found.best.process(0j).real > 0.0
 
 
 def test_a_process_that_the_controller_of_the_record_would_drive_away_contradicts_it() -> None:

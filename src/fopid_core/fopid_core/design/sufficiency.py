@@ -4,6 +4,9 @@ The length of an experiment is what buys small variances (Ljung 1999, ch. 13.7);
 that of a record too short for the slow end of its process. So three things are asked where a controller works, from a
 tenth of the crossover on: all processes that the record leaves possible are alike there, the process was the
 same when the record was shorter, and the record is longer than what the process takes to come to rest.
+
+It says when to stop moving a loop, no more: gains are judged afterwards, on all processes that the record leaves
+possible.
 """
 
 from __future__ import annotations
@@ -83,7 +86,8 @@ class Sufficiency:
         ----------
         record : Record
         content : float
-            So many times what is wanted is enough; infinite for any process.
+            Processes may differ by so many times what is wanted, and the record be so many times shorter; infinite
+            where any process is enough, however uncertain.
         """
         self._closely = self._closely or self._failed >= CLOSER
         found = identify(record, self._template, noise=self._noise, unstable=self._closely)

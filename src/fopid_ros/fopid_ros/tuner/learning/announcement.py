@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 UNTIL_KNOWN, WHOLE, AFTERWARDS = 0.38, 1.45, 1.35
 """How long it usually takes to move the loop, in lengths of an experiment that is made whole: until enough is known; a
 whole one with its probes. And what follows where gains are tried out: watched, a second round, a proof."""
-LATEST = 1.45
-"""An experiment that ends when enough is known takes no more than so many times what is said of it, with a tick or two
-within 1.5."""
+DUE = 1.45
+"""At so many times what is said of it an experiment that ends when enough is known is content with any process that its
+record shows: with a tick or two within 1.5."""
 LONGEST, LONGEST_PROVED = 3.0, 8.5
 """No further experiment is begun that would end later than this, in the same lengths; with what follows so many have
 been seen, where the loop turned out far slower than its integral time."""
@@ -23,7 +23,7 @@ WORKED_OUT = 20.0
 
 
 @dataclass(frozen=True)
-class TestLength:
+class ExperimentLength:
     """How long an experiment takes, as it is said before it begins.
 
     Attributes
@@ -39,7 +39,7 @@ class TestLength:
 
     Examples
     --------
-    >>> length = TestLength(whole=100.0, rest=2.0, until_known=True, proved=False)
+    >>> length = ExperimentLength(whole=100.0, rest=2.0, until_known=True, proved=False)
     >>> length.experiment, length.in_all
     (40.0, 60.0)
     >>> print(length)
@@ -62,9 +62,9 @@ class TestLength:
         return self.experiment + AFTERWARDS * self.whole * self.proved + WORKED_OUT
 
     @property
-    def latest(self) -> float:
-        """After rest an experiment that ends when enough is known is over in any case [s]."""
-        return LATEST * self.experiment - self.rest
+    def due(self) -> float:
+        """From rest to where any process is enough [s]."""
+        return DUE * self.experiment - self.rest
 
     def __str__(self) -> str:
         most = (LONGEST_PROVED if self.proved else LONGEST) * self.whole + WORKED_OUT

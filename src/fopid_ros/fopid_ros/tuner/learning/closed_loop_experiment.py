@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from fopid_core.design.identification.noise import reported_step
 from fopid_core.errors import InputError
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
-from fopid_ros.tuner.learning.announcement import LONGEST, TestLength
+from fopid_ros.tuner.learning.announcement import LONGEST, ExperimentLength
 from fopid_ros.tuner.learning.calm import Calm
 from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
@@ -200,17 +200,17 @@ class ClosedLoopExperiment:
             lambda: resting.is_over(borne), lambda: Stage("measuring", 0.0, left, loop.offset, message=told)
         )
         self.latest = min(self.latest, resting.began + LONGEST * self.duration)
-        self._began, self._said, self._due = resting.began, length.experiment, resting.newest + length.latest
+        self._began, self._said, self._due = resting.began, length.experiment, resting.newest + length.due
         if not loop.at_steady_state:
             raise RestlessError(loop.why_not_at_rest(self.duration))
         loop.listen(history.unmoved(TICKS_REMEMBERED), asked, history.travel("setpoint"))
         loop.check_amplitude(self._wanted.amplitude)
 
     @property
-    def length(self) -> TestLength:
+    def length(self) -> ExperimentLength:
         """How long all of it usually takes."""
         rest = usual_rest(self.loop, self._tap.history, self.rest_window)
-        return TestLength(self.duration, rest, self.ends_when_known, self._wanted.proved)
+        return ExperimentLength(self.duration, rest, self.ends_when_known, self._wanted.proved)
 
     @property
     def ends_when_known(self) -> bool:
@@ -307,7 +307,7 @@ class ClosedLoopExperiment:
     def _begin_anew(self) -> None:
         """What is said of an experiment holds for the next as well."""
         length = self.length
-        self._began, self._said, self._due = self.newest, length.experiment, self.newest + length.latest
+        self._began, self._said, self._due = self.newest, length.experiment, self.newest + length.due
 
     def _made_whole(self, known: Callable[[], bool] | None) -> Excitation:
         """The excitation itself, with the amplitude that was found; until enough is known, where that is asked."""
@@ -317,12 +317,12 @@ class ClosedLoopExperiment:
         looks = sorted([*looks, due]) if looks[0] < due < 1.0 else looks
         self._run_excitation(
             excitation, lambda: 0.1 + 0.5 * excitation.progress,
-            known=lambda _: known is not None and self._looks(known), looks=looks if known else (),
+            known=lambda _: known is not None and self._is_known(known), looks=looks if known else (),
         )  # fmt: skip
         self._note_resolution()
         return excitation
 
-    def _looks(self, known: Callable[[], bool]) -> bool:
+    def _is_known(self, known: Callable[[], bool]) -> bool:
         """Whether enough is known: with less, where it takes longer than was said, and with any process when due.
 
         Where none shows then, what was said is past: enough is what it was before.
