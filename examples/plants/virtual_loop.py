@@ -113,7 +113,7 @@ class VirtualLoop:
     def set(self, **settings: Any) -> None:
         """Change settings of the controller."""
         self.controller.reconfigure(replace(self.controller.settings, **settings))
-        self.history.changed = self.time
+        self.history.changed = self.history.regained = self.time
 
     def tuned_settings(self) -> dict[str, Any]:
         """What a tuning may have changed of the controller's settings."""

@@ -20,6 +20,9 @@ _STILL = 1.5
 _WHOLE = 1e-3
 _NOTHING_ELSE = 1.05
 """Noise of no more than so many times what steps make is made by them."""
+_SOON, _FLICKERS = 3, 0.1
+"""Unless so often, beside all samples, a step is taken back within so many of them: noise of a seventh of the step does
+so, and shows where between the steps a signal is, on the average."""
 _FEWEST, _LEVEL = 100, 1.2
 """So many samples show a spectrum; they rest where a line through them takes no more of their spread than that."""
 
@@ -186,19 +189,28 @@ def reported_step(values: Floats) -> float:
 def hidden_by_steps(values: Floats, noise: float) -> float:
     """How far a signal may be off without showing it: half of its step, where there is no noise beside that; else 0.
 
-    Noise makes it go from step to step, and so shows on the average what is less than one.
+    Noise makes it go from step to step and back, and so shows on the average what is less than one.
 
     Parameters
     ----------
     values : ndarray, shape (n,)
+        Of a signal that has moved.
     noise : float
         Standard deviation at rest, quantisation included.
 
     Examples
     --------
-    >>> moved = np.array([0.5, 0.75, 0.5, 1.25, 1.0, 0.5])
+    >>> moved = np.array([0.5, 0.75, 0.5, 1.25, 1.25, 1.25, 1.25, 1.0, 1.0, 1.0, 0.5])
     >>> hidden_by_steps(moved, noise=0.0722), hidden_by_steps(moved, noise=0.1)
     (0.125, 0.0)
+    >>> slow, noise = np.linspace(0.0, 2.0, 1000), np.random.default_rng(0).standard_normal(1000)
+    >>> hidden_by_steps(np.round(slow), 0.28), hidden_by_steps(np.round(slow + 0.25 * noise), 0.28)
+    (0.5, 0.0)
     """
     step = reported_step(values)
-    return 0.5 * step if noise <= _NOTHING_ELSE * step / math.sqrt(12.0) else 0.0
+    if noise > _NOTHING_ELSE * step / math.sqrt(12.0):
+        return 0.0
+    moves = np.diff(values)
+    at = np.flatnonzero(moves)
+    taken_back = (np.abs(moves[at][1:] + moves[at][:-1]) < 0.5 * step) & (np.diff(at) <= _SOON)
+    return 0.0 if taken_back.sum() > _FLICKERS * values.size else 0.5 * step

@@ -38,6 +38,7 @@ from fopid_ros.tuner.learning.proof import Proof
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 from fopid_ros.tuner.learning.rest import RestlessError
 from fopid_ros.tuner.learning.running_controller import RunningController, read_running_controller
+from fopid_ros.tuner.learning.sensor_faults import LoneSample
 
 EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""
@@ -154,13 +155,13 @@ class Autotuner:
         """Whether the new gains are such that a second round follows."""
         return outcome.held_back or self._is_livelier(outcome)
 
-    def _is_livelier(self, outcome: Outcome) -> bool:
-        """Whether new gains act far more strongly than those before."""
+    def _is_livelier(self, outcome: Outcome, before: RunningController | None = None) -> bool:
+        """Whether new gains act far more strongly than those before, or than those that run now."""
         tuning = outcome.tuned.tuning if outcome.tuned else None
         if outcome.model is None or tuning is None or tuning.controller is None:
             return False
         s = 1j * outcome.model.crossover
-        return abs(complex(tuning.controller(s))) >= LIVELIER * abs(complex(self._controller.gains(s)))
+        return abs(complex(tuning.controller(s))) >= LIVELIER * abs(complex((before or self._controller).gains(s)))
 
     def run(self) -> Outcome:
         """Do it; however it ends, the loop is left with gains that are known to hold it.
@@ -468,7 +469,7 @@ class Autotuner:
         deadband, told = hidden_by_steps(record.measurement, self._rest.noise), outcome.message
         if every and outcome.success and deadband > self._controller.deadband:
             told = f"{told}; {counting_as_none(deadband, 'are to count')}"
-        if outcome.success and self._is_livelier(outcome):
+        if outcome.success and self._is_livelier(outcome, self._rest.controller):
             within = f"the measurement was within {self._experiment.reach.moved:.3g} of {loop.setpoint:.4g}"
             told = (
                 f"{told}; far livelier than what ran, and learnt while {within}: watch the loop where it goes further"
@@ -482,13 +483,14 @@ class Autotuner:
     def _what_is_borne(self) -> tuple[LoopPerformance, float, float, Callable[[Tick], str]]:
         """How the loop was, what is left of the experiment, by how much its error may grow, and what ends the watch."""
         loop, residual_transient = self._experiment.loop, self._experiment.residual_transient()
-        furthest = self._experiment.furthest
+        furthest, sensor = self._experiment.furthest, LoneSample.within(loop.deviation_max)
         # New gains read the memory of the past anew, which moves the loop a little: that much is allowed.
         allowed = (MOVED_SHARE * loop.deviation_max) ** 2 / (loop.figures.mean_square + residual_transient**2)
 
         def outside(tick: Tick) -> str:
-            if tick.setpoint != loop.setpoint or abs(tick.measurement - tick.setpoint) <= furthest:
+            seen = sensor.seen(tick.measurement)
+            if tick.setpoint != loop.setpoint or abs(seen - tick.setpoint) <= furthest:
                 return ""
-            return f"measurement {tick.measurement:.4g} left the band of {furthest:.4g}"
+            return f"measurement {seen:.4g} left the band of {furthest:.4g}"
 
         return loop.figures, residual_transient, max(allowed, 2.0), outside

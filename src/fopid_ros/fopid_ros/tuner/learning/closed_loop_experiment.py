@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from fopid_core.design.identification.noise import reported_step
 from fopid_core.errors import InputError
@@ -19,6 +20,7 @@ from fopid_ros.tuner.learning.loop_wait import LoopWait, Stage
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 from fopid_ros.tuner.learning.rest import RestingLoop, RestlessError, usual_rest
 from fopid_ros.tuner.learning.running_controller import INTEGRAL_TIMES, TICKS_MIN, integral_time
+from fopid_ros.tuner.learning.sensor_faults import LoneSample
 
 PRBS_ORDER = 5
 EXCITATIONS = {"prbs": (1 << PRBS_ORDER) - 1, "relay": 8, "step": 2}
@@ -267,13 +269,7 @@ class ClosedLoopExperiment:
         return (1.0 if self._wanted.deviation_max else BARELY) * self.loop.deviation_max
 
     def widen(self) -> bool:
-        """After an experiment that told nothing: allow more, once, where nobody has said how far they may go.
-
-        Returns
-        -------
-        bool
-            Whether it may go further than the one before.
-        """
+        """Allow more, once, after one that told nothing, where nobody has said how far it may go; whether it may."""
         if not self.may_widen:
             return False
         self._widened = self._first = True  # what it shows is looked at anew
@@ -340,16 +336,17 @@ class ClosedLoopExperiment:
         """
         limit, calm_for = SETTLE_SHARE * self.duration, CALM_SHARE * self.duration
         calm = Calm(self.residual_transient(), SMOOTHED_SHARE * calm_for)
+        sensor = LoneSample.within(self.loop.deviation_max)
         newest, setpoint = Tick(-math.inf, 0.0, 0.0, 0.0), self.loop.setpoint
         began: list[float] = []
         furthest = 0.0
 
         def hook(tick: Tick) -> None:
             nonlocal newest, furthest
-            newest = tick
+            newest = replace(tick, measurement=sensor.seen(tick.measurement))
             began.append(tick.time) if not began else None
-            furthest = max(furthest, abs(tick.measurement - setpoint))
-            calm.step(tick.time, tick.measurement - setpoint)
+            furthest = max(furthest, abs(newest.measurement - setpoint))
+            calm.step(tick.time, newest.measurement - setpoint)
 
         self._tap.set_tick_hook(hook)
         self._wait.until(
@@ -438,12 +435,14 @@ class ClosedLoopExperiment:
         known: Callable[[GuardedExcitation], bool] = lambda _: False, looks: Sequence[float] = (),
     ) -> GuardedExcitation:  # fmt: skip
         """Run an experiment tick by tick, at the pace of the controller; at these shares of it, see what is known."""
-        loop, ended, last = self.loop, threading.Event(), [0.0]
+        loop, history, ended, last = self.loop, self._tap.history, threading.Event(), [0.0]
+        regained = history.regained
         guarded = GuardedExcitation(excitation, loop, self._foresight or FORESIGHT * excitation.settings.hold, enough)
 
         def hook(tick: Tick) -> None:
             if ended.is_set():
                 return
+            guarded.end_if(history.regained != regained, "the controller was given other gains meanwhile")
             added = guarded.step(tick)
             if added != last[0] or guarded.finished:
                 self._tap.inject(added)
@@ -460,12 +459,12 @@ class ClosedLoopExperiment:
             """Whether it is over when so much of it has been made."""
             self._wait.until(lambda: ended.is_set() or excitation.progress >= share, lambda: Stage(
                 "exciting", progress(), (1.0 - excitation.progress) * whole,
-                self._tap.history.newest("measurement") - loop.setpoint,
+                history.newest("measurement") - loop.setpoint,
                 message=told,
             ))  # fmt: skip
             return ended.is_set()
 
-        for share in looks:
+        for share in _not_overtaken(excitation, looks):
             if run_until(share):
                 break
             if known(guarded):  # meanwhile it goes on
@@ -487,3 +486,10 @@ class ClosedLoopExperiment:
     def residual_transient(self) -> float:
         """What may still be left of the experiment when the new gains come."""
         return max(3.0 * self.loop.unrest, SETTLED_SHARE * self._peak)
+
+
+def _not_overtaken(excitation: Excitation, looks: Sequence[float]) -> Iterator[float]:
+    """When it is looked, but for where the look before has taken so long that the next is due as well."""
+    for share, following in pairwise((*looks, math.inf)):
+        if excitation.progress < following:
+            yield share

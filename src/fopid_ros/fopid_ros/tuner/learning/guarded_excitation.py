@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from fopid_core.runtime.excitation import Excitation
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.loop_tap import Tick
+from fopid_ros.tuner.learning.sensor_faults import DeadSensor, LoneSample
 
 BRAKE_SHARE, GO_ON_SHARE = 0.8, 0.4
 """Shares of the allowed deviation where nothing is added any more, and where it goes on."""
@@ -16,14 +18,18 @@ SMOOTHED, SMOOTHED_AHEAD = 0.05, 0.15
 """Shares of a hold, and of the foresight, over which the measurement is averaged, whichever is longer."""
 OLDEST, OLDEST_TICKS = 0.5, 5.0
 """Samples older than this [s], or than so many ticks, are too old to judge by."""
+LIMIT_ANSWERS, LIMIT_TICKS = 10.0, 20
+"""A control does not come back that has been at a limit for so many times as long as the loop takes to answer, and for
+so many ticks."""
 
 
 class GuardedExcitation:
     """Runs an excitation tick by tick: ``added = guarded.step(tick)``.
 
-    It ends at once when the setpoint is moved, a sample is too old to judge by, or the measurement leaves its band. It
-    adds nothing while the measurement is on its way out of the band, judged by its place and speed, or the control is
-    at a limit, and is smaller afterwards.
+    It ends at once when the setpoint is moved, a sample is too old to judge by, the measurement leaves its band (by
+    more than a lone sample) or stands still while the control moves, or the control stays at a limit. It adds nothing
+    while the measurement is on its way out of the band, judged by its place and speed, or the control is at a limit,
+    and is smaller afterwards.
 
     Parameters
     ----------
@@ -54,6 +60,10 @@ class GuardedExcitation:
         self._began = math.nan
         self._rise: list[tuple[float, float]] = []
         self.peak = 0.0
+        self._sensor = LoneSample.within(loop.deviation_max)
+        self._dead_sensor, self._added = DeadSensor(loop.longest_still, foresight), 0.0
+        self._limit_since = math.inf
+        self._limit_most = max(LIMIT_ANSWERS * foresight, LIMIT_TICKS * loop.controller.sample_time)
 
     @property
     def answer_time(self) -> float:
@@ -78,20 +88,27 @@ class GuardedExcitation:
         """One tick; what to add to the control until the next."""
         if self.finished:
             return 0.0
+        reason = self._reason_to_end(tick)
+        tick = replace(tick, measurement=self._sensor.seen(tick.measurement))
         self._follow(tick)
         added = self.excitation.step(self._loop.setpoint, tick.measurement, tick.control, tick.time)
-        reason = self._reason_to_end(tick)
-        if reason and not self.finished:
-            self.end(reason)
+        self.end_if(bool(reason), reason)
         if not self.finished and self.peak >= self._enough:
             self.complete("moved far enough")
-        self._brake(tick)
-        return 0.0 if self.finished or self._braking else self._scale * added
+        if not self._sensor.held_back:  # else what the controller made of it is no move of the plant either
+            self._brake(tick)
+        self._added = 0.0 if self.finished or self._braking else self._scale * added
+        return self._added
 
     def end(self, reason: str) -> None:
         """End it now."""
         self.excitation.cancel()
         self.excitation.reason = reason
+
+    def end_if(self, ended: bool, reason: str) -> None:
+        """End it where it is to be ended, and has not been."""
+        if ended and not self.finished:
+            self.end(reason)
 
     def complete(self, reason: str) -> None:
         """It has served its purpose before its time."""
@@ -124,11 +141,17 @@ class GuardedExcitation:
             return f"a sample was {tick.age:.2g} s old when it was heard ({self._oldest:.2g} s is too old to judge by)"
         if self.cornered:
             return "the measurement or the control came near its bounds again and again, with ever smaller moves"
-        return ""
+        self._limit_since = min(self._limit_since, tick.time) if self._saturated(tick) else math.inf
+        if tick.time - self._limit_since > self._limit_most:
+            return f"the control has been at its limit, {tick.control:.4g}, for {tick.time - self._limit_since:.3g} s"
+        return self._dead_sensor.look(tick.time, tick.measurement, self._added)
+
+    def _saturated(self, tick: Tick) -> bool:
+        return self._loop.controller.saturated(tick.control)
 
     def _brake(self, tick: Tick) -> None:
         most, ahead = self._loop.deviation_max, abs(self.level + self._speed * self._foresight)
-        saturated = self._loop.controller.saturated(tick.control)
+        saturated = self._saturated(tick)
         if self._braking:
             self._braking = saturated or max(ahead, abs(self.level)) > GO_ON_SHARE * most
         elif saturated or max(ahead, abs(self.level)) > BRAKE_SHARE * most:

@@ -80,11 +80,13 @@ class History:
         What is not older than this is kept in any case [s]: the experiment under way.
     changed : float
         When the loop became what it is [s]: a controller that was opened, closed or given other gains.
+    regained : float
+        When its gains became what they are [s].
     """
 
     def __init__(self, kept: float) -> None:
         self.kept = kept
-        self.whole_since, self.changed = math.inf, -math.inf
+        self.whole_since, self.changed, self.regained = math.inf, -math.inf, -math.inf
         self._lock = threading.Lock()
         self._samples = {name: Samples() for name in (*SIGNALS, EXCITATION)}
 

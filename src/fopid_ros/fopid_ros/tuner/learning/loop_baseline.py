@@ -20,7 +20,7 @@ from fopid_core.design.identification.noise import (
     white_level,
 )
 from fopid_core.errors import InputError
-from fopid_core.model.arrays import Floats
+from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
 from fopid_ros.tuner.learning.loop_tap import Tick
 from fopid_ros.tuner.learning.running_controller import RunningController
@@ -42,6 +42,8 @@ MOST_HEARD = 200
 """So many ticks at rest tell the noise, or as many as are looked at for rest: in more are drifts and loads as well."""
 FAR_LONGER = 2
 """So many times as many samples tell more of a sensor than the fewer."""
+STILL_SHARE = 0.1
+"""Of the ticks at rest in a row, that a measurement which moves may stand still for."""
 SMALL_STEP = 0.25
 """Of the setpoint, as a share of the allowed deviation, that is not to take the control to a limit or past its rate."""
 
@@ -64,8 +66,8 @@ class LoopBaseline:
         Of the measurement from the setpoint, on the average.
     drift : float
         By how much that changes from the first half of the time looked at to the second.
-    swing : float
-        How far the measurement, noise averaged out, goes to either side.
+    swing, swings : float
+        How far the measurement, noise averaged out, goes to either side; and about its drift.
     spread : float
         Standard deviation of the measurement about its drift.
     control_spread : float
@@ -81,6 +83,8 @@ class LoopBaseline:
         From so many the noise is known.
     outlying : float
         Root mean square, over a far longer time, of what is far off before and after it.
+    longest_still : int
+        For so many ticks in a row the measurement stood still; 0 where it hardly moved at all.
     """
 
     controller: RunningController
@@ -92,6 +96,7 @@ class LoopBaseline:
     offset: float = 0.0
     drift: float = 0.0
     swing: float = 0.0
+    swings: float = 0.0
     coloured: SensorNoise | None = None
     spread: float = 0.0
     control_spread: float = 0.0
@@ -101,6 +106,7 @@ class LoopBaseline:
     spikes: int = 0
     samples: int = 0
     outlying: float = 0.0
+    longest_still: int = 0
 
     def measure(self, ticks: Sequence[Tick], deviation_max: float, travel: float) -> None:
         """Take what a stretch of ticks shows.
@@ -114,26 +120,29 @@ class LoopBaseline:
             How far the setpoint has moved as long as it is remembered.
         """
         measured = np.array([tick.measurement for tick in ticks])
+        near = usual(measured)
         meter = PerformanceMeter(self.controller.sample_time)
         for tick in ticks:
             meter.step(tick.setpoint, tick.measurement, self.controller.saturated(tick.control))
         self.figures, self.setpoint = meter.figures, ticks[-1].setpoint
         moved = np.array([tick.control for tick in ticks])
         self.control, self.control_spread = float(moved.mean()), spread_about_drift(moved)
-        self.offset = float(measured.mean()) - self.setpoint
-        first, second = np.array_split(measured, 2)
+        self.offset = float(near.mean()) - self.setpoint
+        first, second = np.array_split(near, 2)
         self.drift = float(second.mean() - first.mean())
-        self.swing = half_range(measured)
-        self.spread = spread_about_drift(measured)
+        self.swing = half_range(near)
+        self.swings = half_range(about_drift(near))
+        self.spread = spread_about_drift(near)
         self._take_noise(measured)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
     def _take_noise(self, measured: Floats) -> None:
-        self.samples = measured.size
-        self.noise = max(float(white_level(measured)), reported_step(measured) / math.sqrt(12.0))
-        self.spikes = _spikes(measured)
+        near = usual(measured)
+        self.samples, self.spikes = measured.size, int(_far_off(measured).sum())
+        self.noise = max(float(white_level(near)), reported_step(near) / math.sqrt(12.0))
         self.unrest = self.noise
-        self.coloured = noise_at_rest(measured, self.controller.sample_time)
+        self.coloured = noise_at_rest(near, self.controller.sample_time)
+        self.longest_still = _longest_still(near)
 
     def listen(self, unmoved: Floats, deviation_max: float, travel: float) -> None:
         """Once it rests: take its noise from all of the rest, and tell more than noise from an answer, too.
@@ -157,14 +166,15 @@ class LoopBaseline:
             since = begin
         if before.size >= length:  # else the setpoint was moved meanwhile
             self._take_noise(before[since:])
-        self.outlying = math.sqrt(max(outlying_power(unmoved) - outlying_power(before[since:]), 0.0))
+        self.outlying = math.sqrt(max(outlying_power(unmoved) - outlying_power(usual(before[since:])), 0.0))
         if self.coloured is not None or self.spread > UNREST * self.noise:
             self.unrest = min(max(self.noise, self.spread), MOST_UNREST * self.noise)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
     def _rests(self, measured: Floats) -> bool:
         """Whether it stays about where it is now."""
-        near = abs(float(measured.mean()) - self.setpoint - self.offset) <= STEADY_STATE_SHARE * self.deviation_max
+        off = abs(float(usual(measured).mean()) - self.setpoint - self.offset)
+        near = off <= STEADY_STATE_SHARE * self.deviation_max
         return near and half_range(measured) <= RESTLESS_SHARE * self.deviation_max
 
     @property
@@ -249,12 +259,14 @@ class LoopBaseline:
     def why_not_at_rest(self, waited: float) -> str:
         """Why it is not at rest after that time [s], and what would be."""
         most, share = STEADY_STATE_SHARE * self.deviation_max, "tenth"
-        told = f"measurement {self.offset:+.4g} off the setpoint, drifting by {self.drift:+.4g}"
-        if max(abs(self.offset), abs(self.drift)) <= most:
+        told, advice = f"measurement {self.offset:+.4g} off the setpoint, drifting by {self.drift:+.4g}", ""
+        if self.swings > RESTLESS_SHARE * self.deviation_max or max(abs(self.offset), abs(self.drift)) <= most:
             most, share = RESTLESS_SHARE * self.deviation_max, "fifth"
             told = f"measurement swings by {self.swing:.4g} to either side: a limit cycle or a disturbance"
+            enough = max(self.swing / RESTLESS_SHARE, max(abs(self.offset), abs(self.drift)) / STEADY_STATE_SHARE)
+            advice = f"; a deviation_max of {1.1 * enough:.2g}, if the plant bears that, lets it begin"
         rest = f"a loop at rest, {most:.4g} at most (a {share} of the {self.deviation_max:.4g} of deviation_max)"
-        return f"{told}, for {waited:.3g} s; allowed: {rest}"
+        return f"{told}, for {waited:.3g} s; allowed: {rest}{advice}"
 
 
 def quieter(one: LoopBaseline, other: LoopBaseline) -> LoopBaseline:
@@ -266,20 +278,39 @@ def quieter(one: LoopBaseline, other: LoopBaseline) -> LoopBaseline:
     return loud if loud.samples >= FAR_LONGER * quiet.samples else quiet
 
 
-def _spikes(measured: Floats) -> int:
-    """How many values are far off the others; 0 where these are no few, or the others do not move."""
+def _far_off(measured: Floats) -> Booleans:
+    """Which values are far off the others; none where these are no few, or the others do not move."""
     off = np.abs(measured - np.median(measured))
-    count = int((off > FAR_OFF * MAD * np.median(off)).sum()) if np.median(off) else 0
-    return count if count <= FEW * measured.size else 0
+    far = np.asarray(off > FAR_OFF * MAD * np.median(off)) & bool(np.median(off))
+    return far & bool(far.sum() <= FEW * measured.size)
+
+
+def _longest_still(measured: Floats) -> int:
+    """For how many ticks in a row a measurement stood still; 0 where it hardly moved at all."""
+    moved = np.flatnonzero(np.diff(measured))
+    longest = int(np.diff(moved, prepend=-1, append=measured.size - 1).max())
+    return longest if longest <= STILL_SHARE * measured.size else 0
+
+
+def usual(measured: ArrayLike) -> Floats:
+    """A measurement with the few of its values that are far off the others replaced by those about them."""
+    values = np.asarray(measured, dtype=float)
+    near = np.flatnonzero(~_far_off(values))
+    return np.asarray(np.interp(np.arange(values.size), near, values[near]))
 
 
 def half_range(measured: ArrayLike) -> float:
-    """How far a measurement goes to either side, noise averaged out over a tenth of it."""
-    return 0.5 * float(np.ptp([part.mean() for part in np.array_split(measured, 10)]))
+    """How far a measurement usually goes to either side, noise averaged out over a tenth of it."""
+    return 0.5 * float(np.ptp([part.mean() for part in np.array_split(usual(measured), 10)]))
+
+
+def about_drift(measured: ArrayLike) -> Floats:
+    """What a measurement usually does about a straight line."""
+    values = usual(measured)
+    instants = np.arange(values.size)
+    return np.asarray(values - np.polynomial.Polynomial.fit(instants, values, 1)(instants))
 
 
 def spread_about_drift(measured: ArrayLike) -> float:
-    """Standard deviation of a measurement about a straight line."""
-    values = np.asarray(measured, dtype=float)
-    instants = np.arange(values.size)
-    return float(np.std(values - np.polynomial.Polynomial.fit(instants, values, 1)(instants)))
+    """Its standard deviation."""
+    return float(np.std(about_drift(measured)))

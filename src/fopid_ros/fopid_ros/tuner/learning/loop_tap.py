@@ -233,6 +233,8 @@ class LoopTap:
             return
         stamp_ns = state.stamp_ns if self._by_stamps else self._arrival_ns(info)
         if law != self._law:
+            if self._law[:-1] not in ((), law[:-1]):
+                self.history.regained = stamp_ns * 1e-9
             self._law, self.history.changed = law, stamp_ns * 1e-9
         if not moved:
             return
