@@ -19,7 +19,7 @@ NEVER, DROP = 10**9, 3.0
 
 
 class FaultySensor(Sensor):
-    """That of the heat exchanger; from a sample on it tells the same again and again, or falls for one at every so manieth."""
+    """That of the heat exchanger: from a sample on it tells the same, or each so manieth is far off."""
 
     dies, drops = NEVER, NEVER
     read_before, last = 0, 0.0

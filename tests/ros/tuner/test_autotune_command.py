@@ -61,3 +61,25 @@ def test_a_tuner_that_dies_is_noticed(loop: ForeignLoop, command: subprocess.Pop
     assert command.returncode == 2
     assert told.splitlines()[-1].startswith("error: the tuner is gone")
     assert ("knows nothing of this" in told) == replaced
+
+
+@pytest.mark.slow
+def test_one_whose_command_was_killed_is_found_and_ended_by_another(
+    loop: ForeignLoop, command: subprocess.Popen[str]
+) -> None:
+    def asked(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [AUTOTUNE, *arguments], env=loop.graph.environment, text=True, capture_output=True, timeout=LATER
+        )
+
+    command.kill()
+    told = asked()
+    assert told.returncode == 2
+    assert told.stderr.endswith("another autotuning is under way, which autotune --cancel ends\n")
+    told = asked("--cancel")
+    assert (told.returncode, told.stdout) == (0, "the autotuning under way was asked to end\n")
+    loop.graph.until(lambda: loop.added[-1].value == 0.0, "the end of the excitation")
+    assert loop.gains()[:2] == [PI["kp"], PI["ki"]]
+    loop.graph.spin(2.0)
+    told = asked("--cancel")
+    assert (told.returncode, told.stdout) == (3, "no autotuning is under way\n")

@@ -160,6 +160,17 @@ def test_an_experiment_ends_where_the_loop_is_open(loop: ForeignLoop, opened: An
 
 
 @pytest.mark.slow
+def test_an_experiment_ends_where_somebody_gives_other_gains_which_stay(loop: ForeignLoop) -> None:
+    """It went on, and what it showed was no single loop's."""
+    handle, _ = excited(loop)
+    assert loop.graph.set("fopid_controller", kp=1.1 * PI["kp"]).successful
+    result = loop.outcome(handle).result
+    assert not result.success
+    assert "the controller was given other gains meanwhile" in result.message
+    assert loop.gains()[0] == 1.1 * PI["kp"]
+
+
+@pytest.mark.slow
 def test_a_controller_that_waits_for_a_setpoint_is_not_waited_for(graph: Graph) -> None:
     """It was waited for without end."""
     loop = ForeignLoop(graph, "saturating", PI, steps=False, setpoint=None)

@@ -14,10 +14,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import rclpy
-from action_msgs.msg import GoalStatus
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 from rclpy.node import Node
+from rclpy.qos import qos_profile_action_status_default
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rich.console import Console
@@ -30,8 +32,12 @@ from fopid_ros.common.arguments import parse
 from fopid_ros.common.design_parameters import DEADBAND, PACE
 from fopid_ros.common.middleware import prepare_middleware, use_profile
 
+ACTION = "fopid_tuner/autotune"
 FOUND_TIME = 10.0
 """How long the tuner may take to be found [s]."""
+NOT_FOUND = f"no action {ACTION} within {FOUND_TIME:g} s; allowed: a running fopid_tuner"
+RUNNING, STATUS_TIME = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING), 1.0
+"""Of a goal that has not ended; and how long it is waited for what goals there are [s]."""
 ASKED_EVERY, GONE = 10.0, 10.0
 """So often a tuner is asked whether it still knows of the goal; and so long none may be there [s]."""
 TOLD_EVERY = 30.0
@@ -56,6 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--ms-max", type=float, default=0.0, metavar="X", help="bound on max |S|")
     add("--plan", dest="plan_only", action="store_true", help="tell what would be done and how long it takes; no more")
     add("--propose-only", action="store_true", help="tell the gains, do not apply them")
+    add("--cancel", action="store_true", help="end the autotuning that is under way, whoever has asked for it; no more")
     return parser
 
 
@@ -70,7 +77,7 @@ def main(args: Sequence[str] | None = None) -> int:
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
         for ending in (signal.SIGTERM, signal.SIGHUP):
             signal.signal(ending, signal.default_int_handler)
-        return _run(Autotune.Goal(**options))
+        return _cancel() if options.pop("cancel") else _run(Autotune.Goal(**options))
     except KeyboardInterrupt:
         print("ended; the tuner was not waited for", file=sys.stderr)
         return 3
@@ -87,11 +94,30 @@ def _radians(degrees: float) -> float:
     return math.radians(degrees)
 
 
+def _cancel() -> int:
+    """Ask for the end of all that is under way; 3 where nothing is."""
+    node = Node("autotune")
+    client = node.create_client(CancelGoal, f"{ACTION}/_action/cancel_goal")
+    if not client.wait_for_service(timeout_sec=FOUND_TIME):
+        raise InputError(NOT_FOUND)
+    asked = client.call_async(CancelGoal.Request())  # without an id: every goal
+    rclpy.spin_until_future_complete(node, asked, timeout_sec=FOUND_TIME)
+    if not asked.done():
+        raise InputError(_gone(f"it has not answered within {FOUND_TIME:g} s"))
+    ending = len(asked.result().goals_canceling)
+    print("the autotuning under way was asked to end" if ending else "no autotuning is under way")
+    return 0 if ending else 3
+
+
 def _run(goal: Autotune.Goal) -> int:
     node = Node("autotune")
-    client = ActionClient(node, Autotune, "fopid_tuner/autotune")
+    client = ActionClient(node, Autotune, ACTION)
+    under_way: list[GoalStatusArray] = []
+    node.create_subscription(
+        GoalStatusArray, f"{ACTION}/_action/status", under_way.append, qos_profile_action_status_default
+    )
     if not client.wait_for_server(timeout_sec=FOUND_TIME):
-        raise InputError(f"no action fopid_tuner/autotune within {FOUND_TIME:g} s; allowed: a running fopid_tuner")
+        raise InputError(NOT_FOUND)
     columns = (TextColumn("{task.description:12}"), BarColumn(), TextColumn("{task.fields[said]}"))
     console = Console(stderr=True)
     lines = None if console.is_terminal else _Lines()
@@ -105,26 +131,29 @@ def _run(goal: Autotune.Goal) -> int:
                 lines.tell(stage)
             progress.update(task, completed=stage.progress, description=stage.phase, said=said[:90])
 
-        handle = _accepted(node, client.send_goal_async(goal, feedback_callback=told))
-        under_way = _UnderWay(node, client, handle)
+        handle = _accepted(node, client.send_goal_async(goal, feedback_callback=told), under_way)
+        ours = _UnderWay(node, client, handle)
         try:
-            result = under_way.result()
+            result = ours.result()
         except KeyboardInterrupt:
             progress.update(task, description="cancelling", said="")
             handle.cancel_goal_async()
-            result = under_way.result()
+            result = ours.result()
     _show(result)
     return 0 if result.success else 3
 
 
-def _accepted(node: Node, sent: Future) -> ClientGoalHandle:
+def _accepted(node: Node, sent: Future, under_way: Sequence[GoalStatusArray]) -> ClientGoalHandle:
     rclpy.spin_until_future_complete(node, sent, timeout_sec=FOUND_TIME)
     if not sent.done():
         raise InputError(_gone(f"it has not answered within {FOUND_TIME:g} s"))
     handle = sent.result()
-    if not handle.accepted:
-        raise InputError("the tuner rejected the goal: it is busy with another request, or not active")
-    return handle
+    if handle.accepted:
+        return handle
+    rclpy.spin_once(node, timeout_sec=STATUS_TIME)
+    if any(one.status in RUNNING for told in under_way[-1:] for one in told.status_list):
+        raise InputError("the tuner rejected the goal: another autotuning is under way, which autotune --cancel ends")
+    raise InputError("the tuner rejected the goal: it is busy with another request, or not active; its log says which")
 
 
 class _UnderWay:
@@ -185,7 +214,7 @@ class _Lines:
         if now == self._last and time.monotonic() - self._told_at < TOLD_EVERY:
             return
         self._told_at = time.monotonic()
-        if stage.remaining > 0.0 and not self._announced:
+        if stage.remaining > 0.0 and stage.phase == "measuring" and not self._announced:  # later it is that of a phase
             self._announced = True
             print(f"it takes about {stage.remaining:.0f} s in all", file=sys.stderr, flush=True)
         self._last = now
@@ -194,8 +223,23 @@ class _Lines:
         print(f"{stage.progress:4.0%} {stage.phase}{said}{left}", file=sys.stderr, flush=True)
 
 
+def _clauses(message: str) -> list[str]:
+    """What a message says, one thing after the other.
+
+    Examples
+    --------
+    >>> _clauses("PI was best (PID 1.2; FOPID 1.3); applied; watch it")
+    ['PI was best (PID 1.2; FOPID 1.3)', 'applied', 'watch it']
+    """
+    parts: list[str] = []
+    for part in message.split("; "):
+        inside = bool(parts) and parts[-1].count("(") > parts[-1].count(")")
+        parts[-1:] = [f"{parts[-1]}; {part}"] if inside else [*parts[-1:], part]
+    return parts
+
+
 def _show(result: Autotune.Result) -> None:
-    print(result.message)
+    print("\n  ".join(_clauses(result.message)))
     if result.success and not result.model.process and not math.isfinite(result.gains.kp):
         print("\n".join(result.plan))
     if result.model.process:

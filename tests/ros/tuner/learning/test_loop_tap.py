@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -138,7 +139,7 @@ def test_since_when_the_controller_is_the_same_is_noted(make: Callable[..., Benc
     topic = f"{bench.tuner.get_parameter('controller').value}/state"
     publisher = bench.tester.create_publisher(FopidState, topic, QoSProfile(depth=10))
     bench.until(publisher.get_subscription_count)
-    changes = []
+    changes, regained = [], []
     for k, said in enumerate(
         ({"kp": 1.0}, {"kp": 1.0}, {"kp": 2.0}, {"kp": 2.0}, {"kp": 2.0, "mode": FopidState.MANUAL})
     ):
@@ -147,4 +148,17 @@ def test_since_when_the_controller_is_the_same_is_noted(make: Callable[..., Benc
         publisher.publish(message)
         bench.spin(3.0 * REPEAT_PERIOD)
         changes.append(bench.tap.history.changed)
+        regained.append(bench.tap.history.regained)
     assert changes == [100.0, 100.0, 102.0, 102.0, 104.0]
+    assert regained == [-math.inf, -math.inf, 102.0, 102.0, 102.0]
+
+
+def test_what_comes_in_place_of_a_measurement_is_told(make: Callable[..., Bench]) -> None:
+    tap, stale = make().tap, FopidState(stale=True, measurement_age=1e3)
+    told = []
+    for value in (math.nan, 1.0):
+        tap._heard("measurement", 1.0, value)
+        tap._note_open_loop(stale)
+        told.append(tap.open_loop(0.0)[1])
+    usual = "waits for a fresh measurement: the newest is 1e+03 s old"
+    assert told == [f"{usual}, and nan comes now", usual]

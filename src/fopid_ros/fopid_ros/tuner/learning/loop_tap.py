@@ -104,6 +104,7 @@ class LoopTap:
         self._ticked = threading.Condition()
         self._open_since, self._open_because = math.inf, ""
         self._law: tuple[float, ...] = ()
+        self._unusable: dict[str, str] = {}
         self._write = types[INJECTION].writer()
         self._injection: Publisher | None = None
         self._added = 0.0
@@ -169,7 +170,9 @@ class LoopTap:
 
     def _heard(self, name: str, at: float, value: float, age: float = 0.0) -> None:
         if not -1e300 < value < 1e300:
+            self._unusable[name] = f", and {value} comes now"
             return
+        self._unusable[name] = ""
         if self._wraps and name == "measurement":
             setpoint = self.history.newest("setpoint")
             value = value if math.isnan(setpoint) else nearest_turn(value, setpoint)
@@ -207,7 +210,8 @@ class LoopTap:
         elif age < time.monotonic() - self._open_since:
             self._open_because = "waits for a fresh setpoint"
         else:
-            self._open_because = f"waits for a fresh measurement: the newest is {age:.3g} s old"
+            what_comes = self._unusable.get("measurement", "")
+            self._open_because = f"waits for a fresh measurement: the newest is {age:.3g} s old{what_comes}"
 
     def open_loop(self, since: float) -> tuple[float, str]:
         """For how long the controller has not closed the loop [s], not longer than from ``since`` on, and why.
