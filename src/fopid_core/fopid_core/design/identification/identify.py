@@ -37,6 +37,7 @@ from fopid_core.design.identification.refusal import (
 )
 from fopid_core.design.identification.response import InitialCondition, RecordResponse
 from fopid_core.design.identification.runaway import response_to, runaway_fits
+from fopid_core.design.identification.slow_sensor import as_read
 from fopid_core.design.identification.structure import (
     TEMPLATE_STRUCTURES,
     UNSTABLE_STRUCTURES,
@@ -162,7 +163,8 @@ def identify(
     (True, 2.0, 1.0)
     """
     begun = clock()
-    whole, record = record, record.longest_stretch
+    whole, stretch = record, record.longest_stretch
+    record = as_read(stretch)
     search = _search(template, noise, disturbances, unstable)
     nothing = refusal_before(record)
     if nothing:
@@ -178,9 +180,11 @@ def identify(
         told += (
             f"; taken for a step of the control from 0 to {record.control[0]:g} at the first sample (control_before)"
         )
-    if record is not whole:
+    if record is not stretch:
+        told += f"; the sensor has read every {record.sample_time:.3g} s only"
+    if stretch is not whole:
         told += (
-            f"; of {whole.time.size} samples the {record.time.size} of the longest stretch without a break were used"
+            f"; of {whole.time.size} samples the {stretch.time.size} of the longest stretch without a break were used"
         )
     return IdentificationResult(not refusal, told + _late(whole), found.models, found.best, clock() - begun)
 
@@ -298,7 +302,7 @@ def behind_slow_actuator(
     possible : bool
         Whether the smallest limit is wanted that the record leaves possible, though it may not speak for any.
     """
-    begun, best = time.perf_counter(), learnt.best
+    begun, best, record = time.perf_counter(), learnt.best, as_read(record)
     flaws = rate_limit_of(record, best, 0.0 if possible else SPEAKS) if best is not None else None
     if best is None or flaws is None:
         return None

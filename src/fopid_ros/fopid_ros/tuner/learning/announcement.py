@@ -18,8 +18,9 @@ record shows: with a tick or two within 1.5."""
 LONGEST, LONGEST_PROVED = 3.0, 8.5
 """No further experiment is begun that would end later than this, in the same lengths; with what follows so many have
 been seen, where the loop turned out far slower than its integral time."""
-WORKED_OUT = 20.0
-"""How long it usually takes to work gains out [s]; that depends on the computer."""
+WORKED_OUT, WORKED_OUT_TWICE = 25.0, 45.0
+"""How long it usually takes to work gains out [s], once or with the second round that every other tuning makes; that
+depends on the computer."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +42,9 @@ class ExperimentLength:
     --------
     >>> length = ExperimentLength(whole=100.0, rest=2.0, until_known=True, proved=False)
     >>> length.experiment, length.in_all
-    (40.0, 60.0)
+    (40.0, 65.0)
     >>> print(length)
-    an experiment of about 40 s, about 60 s in all (gains worked out), up to 320 s where it says too little
+    an experiment of about 40 s, about 65 s in all (gains worked out), up to 325 s where it says too little
     """
 
     whole: float
@@ -59,7 +60,12 @@ class ExperimentLength:
     @property
     def in_all(self) -> float:
         """With all that follows [s]."""
-        return self.experiment + AFTERWARDS * self.whole * self.proved + WORKED_OUT
+        return self.experiment + AFTERWARDS * self.whole * self.proved + self.worked_out
+
+    @property
+    def worked_out(self) -> float:
+        """While gains are worked out [s]."""
+        return WORKED_OUT_TWICE if self.proved else WORKED_OUT
 
     @property
     def due(self) -> float:
@@ -67,7 +73,7 @@ class ExperimentLength:
         return DUE * self.experiment - self.rest
 
     def __str__(self) -> str:
-        most = (LONGEST_PROVED if self.proved else LONGEST) * self.whole + WORKED_OUT
+        most = (LONGEST_PROVED if self.proved else LONGEST) * self.whole + self.worked_out
         parts = "gains worked out" + (", watched and proved" if self.proved else "")
         longest = f"up to {most:.3g} s " + ("have been seen" if self.proved else "where it says too little")
         return f"an experiment of about {self.experiment:.3g} s, about {self.in_all:.3g} s in all ({parts}), {longest}"
