@@ -11,9 +11,11 @@ from foreign_plants.heat import HeatExchanger
 from foreign_plants.parts import Sensor
 from virtual_loop import VirtualLoop
 
+from fopid_core.design.identification.identify import identify
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.running_controller import read_running_controller
+from fopid_ros.tuner.learning.sensor_faults import without_lone_samples
 
 NEVER, DROP = 10**9, 3.0
 
@@ -68,6 +70,19 @@ def test_one_that_drops_out_for_a_tick_now_and_then_does_not() -> None:
     assert [made.excite() for _, made in (usual, faulty)] == ["", ""]
     assert faulty[1].loop.spikes > 0
     assert faulty[1].loop.deviation_max < 1.3 * usual[1].loop.deviation_max, "it is moved no further for that"
+
+
+def test_what_is_learnt_beside_such_samples_is_what_is_learnt_without_them() -> None:
+    gains = []
+    for drops in (NEVER, 53):
+        loop, made = experiment(drops=drops)
+        made.excite()
+        record = without_lone_samples(loop.history.record(0.5 * loop.exhibit.horizon), made.loop.deviation_max)
+        found = identify(record, "foptd", noise=made.loop.unrest)
+        assert found.success, found.message
+        assert found.best is not None
+        gains.append(found.best.parameters["K"])
+    assert gains[1] == pytest.approx(gains[0], rel=0.1)
 
 
 def test_gains_that_somebody_gives_meanwhile_end_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -239,7 +239,7 @@ def _clauses(message: str) -> list[str]:
 
 
 def _show(result: Autotune.Result) -> None:
-    print("\n  ".join(_clauses(result.message)))
+    print("\n  ".join(["new gains run"] * result.applied + _clauses(result.message)))
     if result.success and not result.model.process and not math.isfinite(result.gains.kp):
         print("\n".join(result.plan))
     if result.model.process:

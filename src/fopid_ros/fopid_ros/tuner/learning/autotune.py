@@ -38,7 +38,7 @@ from fopid_ros.tuner.learning.proof import Proof
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 from fopid_ros.tuner.learning.rest import RestlessError
 from fopid_ros.tuner.learning.running_controller import RunningController, read_running_controller
-from fopid_ros.tuner.learning.sensor_faults import LoneSample
+from fopid_ros.tuner.learning.sensor_faults import LoneSample, without_lone_samples
 
 EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""
@@ -211,7 +211,7 @@ class Autotuner:
         def is_over() -> bool:
             if self._tap.history.ticks_since(began) < FEWEST_SAMPLES:
                 return False
-            heard = self._behind_actuator(self._tap.history.record(began))
+            heard = self._behind_actuator(self._heard(began))
             return sufficiency.is_over(heard, self._experiment.may_widen, self._experiment.content)
 
         for _ in range(EXPERIMENTS):
@@ -229,7 +229,7 @@ class Autotuner:
                 break
             # What hid the process in smaller moves would do so again: it is learnt from alone.
             if widened:
-                self._smaller.append(self._tap.history.record(began))
+                self._smaller.append(self._heard(began))
                 began, sufficiency = self._tap.history.newest_time("control"), self._sufficiency()
         if not outcome.success or self._request.propose_only:
             return outcome
@@ -349,7 +349,7 @@ class Autotuner:
         tuning = outcome.tuned.tuning if outcome.tuned else None
         if self._learnt is None or tuning is None or tuning.controller is None or not math.isfinite(now.control_range):
             return None, ""
-        record = self._tap.history.record(self._tap.history.whole_since)
+        record = self._heard(self._tap.history.whole_since)
         slow = behind_slow_actuator(record, self._learnt[0], self._request.template, rest.unrest, possible=True)
         if slow is None or slow.best is None:
             return None, ""
@@ -436,10 +436,13 @@ class Autotuner:
     def _behind_actuator(self, record: Record) -> Record:
         return Flaws(rate=self._rate).of_record(record) if math.isfinite(self._rate) else record
 
+    def _heard(self, since: float) -> Record:
+        return without_lone_samples(self._tap.history.record(since), self._experiment.loop.deviation_max)
+
     def _learn(self, began: float) -> Outcome:
         """A model of all that was heard since ``began``, and gains for it."""
         self._wait.report(Stage("identifying", 0.6))
-        record = self._tap.history.record(began)
+        record = self._heard(began)
         seen, known = self._behind_actuator(record), self._rate
         found = identify(seen, self._request.template, noise=self._experiment.loop.unrest).with_limit(known)
         found = behind_slow_actuator(record, found, self._request.template, self._experiment.loop.unrest) or found
