@@ -41,6 +41,7 @@ from fopid_ros.controller.retained import check_provenance
 from fopid_ros.controller.sample_intervals import SampleIntervals, check_variable_step
 from fopid_ros.controller.scheduling import Scheduling, check_scheduled_gains, listened_signals, listens
 from fopid_ros.controller.state_message import STATE, fill_signals
+from fopid_ros.controller.still_measurement import StillMeasurement
 from fopid_ros.controller.ticking import TickingNode
 
 
@@ -81,6 +82,7 @@ class ControllerNode(TickingNode):
         self._publisher_conflicts = PublisherConflicts(self, LOOP_SIGNALS)
         self._message_types = MessageTypes(self, {name: types[name].message_type for name in listened_signals(values)})
         self._contested_topics: list[str] = []
+        self._still, self._ticks_looked_at = StillMeasurement(), 0
         self._state = STATE.record()
         self._update_cached_settings()
         self._open_topics(types)
@@ -302,7 +304,19 @@ class ControllerNode(TickingNode):
             level = DiagnosticStatus.WARN if self._awaiting_first_input else DiagnosticStatus.ERROR
             names = " and ".join(one.name for one in self._unusable)
             found.insert(0, (level, f"waiting for {names}" if self._awaiting_first_input else f"{names} stale"))
+        elif told := self._repeats(self._statistics.counts.ticks):
+            found.append((DiagnosticStatus.WARN, told))
         return found
+
+    def _repeats(self, ticks: int) -> str:
+        """Whether a sensor repeats its last value; nothing where the loop has stood still as well."""
+        if ticks == self._ticks_looked_at:
+            return ""
+        self._ticks_looked_at = ticks
+        settings = self._controller.settings
+        return self._still.look(
+            self._inputs.measurement.value, self._control, settings.control_max - settings.control_min
+        )
 
     def _disputes(self) -> list[tuple[bytes, str]]:
         """Topics with more than one publisher."""

@@ -1,0 +1,44 @@
+"""A sensor that repeats its last value: the messages are fresh, the value is not."""
+
+from __future__ import annotations
+
+import math
+
+SEEN, STILL, LONGER = 60, 10, 3
+"""So many looks show how long a measurement stands still; for so many it does, and for so many times as long as it ever
+did, where its sensor is dead."""
+MOVED = 0.01
+"""Share of the control's range by which the control has moved meanwhile."""
+
+
+class StillMeasurement:
+    """Looked at once a second: a measurement that used to change stands still, though the control moves.
+
+    Examples
+    --------
+    >>> still = StillMeasurement()
+    >>> for second in range(100):
+    ...     told = still.look(20.0 + 0.1 * min(second % 7, 80), control=50.0, control_range=100.0)
+    >>> for second in range(12):
+    ...     told = still.look(20.0, control=50.0 + second, control_range=100.0)
+    >>> told
+    'the measurement has been 20 for 11 s, while the control went from 50 to 61: is the sensor dead?'
+    """
+
+    def __init__(self) -> None:
+        self._value = self._control = math.nan
+        self._looks = self._lasted = self._longest = 0
+
+    def look(self, value: float, control: float, control_range: float) -> str:
+        """What is to be told, a second after the last look; or nothing."""
+        self._looks += 1
+        if value != self._value:
+            self._longest = max(self._longest, self._lasted)
+            self._value, self._control, self._lasted = value, control, 0
+            return ""
+        self._lasted += 1
+        usual = self._looks <= SEEN or self._lasted <= max(STILL, LONGER * self._longest)
+        if usual or not abs(control - self._control) > MOVED * control_range:
+            return ""
+        went = f"while the control went from {self._control:.4g} to {control:.4g}"
+        return f"the measurement has been {value:.4g} for {self._lasted} s, {went}: is the sensor dead?"
