@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fopid_core.design.identification.frequency_response import BEYOND, frequency_response
 from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.slow_sensor import as_read
@@ -57,6 +58,15 @@ def test_noise_of_such_a_sensor_is_none_with_memory() -> None:
     fits = [identify(record(every(ticks), noise=0.3), "foptd") for ticks in (1, 4)]
     assert [found.success for found in fits] == [True, True]
     assert not any("memory" in found.message for found in fits)
+
+
+def test_the_response_without_a_model_agrees_with_what_is_learnt() -> None:
+    heard = record(every(5), noise=0.1)
+    found, shown = identify(heard, "foptd"), frequency_response(heard)
+    assert found.best is not None
+    assert shown.sample_time == pytest.approx(5 * TICK)
+    assert shown.known.sum() > 10
+    assert shown.outside(found.best.process, BEYOND).sum() <= 2
 
 
 @pytest.mark.parametrize("step", [0.0, 0.05, 0.5])
