@@ -33,6 +33,13 @@ class NoisyMotor(MotorPosition):
         return Sensor(noise=STEP, step=STEP)
 
 
+class CoarseMotor(MotorPosition):
+    """With steps of four times the noise."""
+
+    def make_sensor(self) -> Sensor:
+        return Sensor(noise=0.25 * STEP, step=STEP)
+
+
 @pytest.mark.parametrize(("move", "load"), [(0.5, 0.3), (0.37, -0.2), (0.62, 0.45)])
 def test_a_deadband_of_half_a_line_ends_the_chatter_for_hardly_more_error(move: float, load: float) -> None:
     seen = []
@@ -52,7 +59,7 @@ def test_a_deadband_of_half_a_line_ends_the_chatter_for_hardly_more_error(move: 
     assert error < STEP
 
 
-@pytest.mark.parametrize(("plant", "hidden"), [(MotorPosition, 0.5 * STEP), (NoisyMotor, 0.0)])
+@pytest.mark.parametrize(("plant", "hidden"), [(MotorPosition, 0.5 * STEP), (NoisyMotor, 0.0), (CoarseMotor, 0.0)])
 def test_steps_hide_nothing_where_there_is_more_noise(plant: type[MotorPosition], hidden: float) -> None:
     loop = VirtualLoop(replace(MOTOR, plant=plant), 3)
     loop.run(1.0)

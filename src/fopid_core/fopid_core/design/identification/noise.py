@@ -20,9 +20,10 @@ _STILL = 1.5
 _WHOLE = 1e-3
 _NOTHING_ELSE = 1.05
 """Noise of no more than so many times what steps make is made by them."""
-_SOON, _FLICKERS = 3, 0.1
-"""Unless so often, beside all samples, a step is taken back within so many of them: noise of a seventh of the step does
-so, and shows where between the steps a signal is, on the average."""
+_FLICKERS = 0.02
+"""Unless at more than this share of the ticks a signal goes there and back three times in a row, as noise of a seventh
+of the step makes it go, and so shows where between two steps it is, on the average. A loop that hunts about a step
+does not: it answers each."""
 _FEWEST, _LEVEL = 100, 1.2
 """So many samples show a spectrum; they rest where a line through them takes no more of their spread than that."""
 
@@ -200,7 +201,7 @@ def hidden_by_steps(values: Floats, noise: float) -> float:
 
     Examples
     --------
-    >>> moved = np.array([0.5, 0.75, 0.5, 1.25, 1.25, 1.25, 1.25, 1.0, 1.0, 1.0, 0.5])
+    >>> moved = np.array([0.5, 0.75, 0.75, 0.5, 1.25, 1.25, 1.25, 1.25, 1.0, 1.0, 1.0, 0.5])
     >>> hidden_by_steps(moved, noise=0.0722), hidden_by_steps(moved, noise=0.1)
     (0.125, 0.0)
     >>> slow, noise = np.linspace(0.0, 2.0, 1000), np.random.default_rng(0).standard_normal(1000)
@@ -210,7 +211,6 @@ def hidden_by_steps(values: Floats, noise: float) -> float:
     step = reported_step(values)
     if noise > _NOTHING_ELSE * step / math.sqrt(12.0):
         return 0.0
-    moves = np.diff(values)
-    at = np.flatnonzero(moves)
-    taken_back = (np.abs(moves[at][1:] + moves[at][:-1]) < 0.5 * step) & (np.diff(at) <= _SOON)
-    return 0.0 if taken_back.sum() > _FLICKERS * values.size else 0.5 * step
+    moves = np.sign(np.diff(values))
+    turns = moves[1:] * moves[:-1] < 0.0
+    return 0.0 if np.mean(turns[1:] & turns[:-1]) > _FLICKERS else 0.5 * step
