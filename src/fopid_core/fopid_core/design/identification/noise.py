@@ -20,10 +20,10 @@ _STILL = 1.5
 _WHOLE = 1e-3
 _NOTHING_ELSE = 1.05
 """Noise of no more than so many times what steps make is made by them."""
-_FLICKERS = 0.02
+_FLICKERS, _MOVES_AT_REST = 0.02, 0.03
 """Unless at more than this share of the ticks a signal goes there and back three times in a row, as noise of a seventh
-of the step makes it go, and so shows where between two steps it is, on the average. A loop that hunts about a step
-does not: it answers each."""
+of the step makes it go, and so shows where between two steps it is, on the average; and moves at that share of the
+ticks at rest, where a lively loop that hunts about a step is not."""
 _FEWEST, _LEVEL = 100, 1.2
 """So many samples show a spectrum; they rest where a line through them takes no more of their spread than that."""
 
@@ -187,7 +187,7 @@ def reported_step(values: Floats) -> float:
     return float(sizes.min()) if np.median(sizes) <= _ALIKE * sizes.min() else 0.0
 
 
-def hidden_by_steps(values: Floats, noise: float) -> float:
+def hidden_by_steps(values: Floats, noise: float, moves_at_rest: float = 1.0) -> float:
     """How far a signal may be off without showing it: half of its step, where there is no noise beside that; else 0.
 
     Noise makes it go from step to step and back, and so shows on the average what is less than one.
@@ -198,6 +198,8 @@ def hidden_by_steps(values: Floats, noise: float) -> float:
         Of a signal that has moved.
     noise : float
         Standard deviation at rest, quantisation included.
+    moves_at_rest : float
+        At what share of the ticks at rest it moved: a lively loop may go back and forth between two steps by itself.
 
     Examples
     --------
@@ -207,10 +209,13 @@ def hidden_by_steps(values: Floats, noise: float) -> float:
     >>> slow, noise = np.linspace(0.0, 2.0, 1000), np.random.default_rng(0).standard_normal(1000)
     >>> hidden_by_steps(np.round(slow), 0.28), hidden_by_steps(np.round(slow + 0.25 * noise), 0.28)
     (0.5, 0.0)
+    >>> hidden_by_steps(np.round(slow + 0.25 * noise), 0.28, moves_at_rest=0.0)
+    0.5
     """
     step = reported_step(values)
     if noise > _NOTHING_ELSE * step / math.sqrt(12.0):
         return 0.0
     moves = np.sign(np.diff(values))
     turns = moves[1:] * moves[:-1] < 0.0
-    return 0.0 if np.mean(turns[1:] & turns[:-1]) > _FLICKERS else 0.5 * step
+    is_noisy = moves_at_rest > _MOVES_AT_REST and np.mean(turns[1:] & turns[:-1]) > _FLICKERS
+    return 0.0 if is_noisy else 0.5 * step

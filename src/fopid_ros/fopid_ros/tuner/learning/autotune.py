@@ -469,7 +469,7 @@ class Autotuner:
             every=every, record=record, smaller=self._smaller, slower=slower,
         )  # fmt: skip
         # Between two steps an integral moves the control for ever, and a derivative makes it jump at each.
-        deadband, told = hidden_by_steps(record.measurement, self._rest.noise), outcome.message
+        deadband, told = hidden_by_steps(record.measurement, self._rest.noise, self._rest.moves), outcome.message
         if every and outcome.success and deadband > self._controller.deadband:
             told = f"{told}; {counting_as_none(deadband, 'are to count')}"
         if outcome.success and self._is_livelier(outcome, self._rest.controller):

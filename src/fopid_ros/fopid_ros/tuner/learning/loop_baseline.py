@@ -85,6 +85,8 @@ class LoopBaseline:
         Root mean square, over a far longer time, of what is far off before and after it.
     longest_still : int
         For so many ticks in a row the measurement stood still; 0 where it hardly moved at all.
+    moves : float
+        At what share of the ticks it moved.
     """
 
     controller: RunningController
@@ -107,6 +109,7 @@ class LoopBaseline:
     samples: int = 0
     outlying: float = 0.0
     longest_still: int = 0
+    moves: float = 0.0
 
     def measure(self, ticks: Sequence[Tick], deviation_max: float, travel: float) -> None:
         """Take what a stretch of ticks shows.
@@ -142,7 +145,7 @@ class LoopBaseline:
         self.noise = max(float(white_level(near)), reported_step(near) / math.sqrt(12.0))
         self.unrest = self.noise
         self.coloured = noise_at_rest(near, self.controller.sample_time)
-        self.longest_still = _longest_still(near)
+        self.longest_still, self.moves = _longest_still(near), float(np.mean(np.diff(near) != 0.0))
 
     def listen(self, unmoved: Floats, deviation_max: float, travel: float) -> None:
         """Once it rests: take its noise from all of the rest, and tell more than noise from an answer, too.
