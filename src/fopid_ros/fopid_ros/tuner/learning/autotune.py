@@ -273,7 +273,8 @@ class Autotuner:
             return self._taken_back(first, update, escaped)
         second = self._prove(second, self._gain_update, made.furthest)
         if second.applied:
-            return replace(second, previous=first.previous, message=f"in a second round: {second.message}")
+            kept = f"; {counting_as_none(first.deadband)}" if self._rest.controller.deadband < first.deadband else ""
+            return replace(second, previous=first.previous, message=f"in a second round: {second.message}{kept}")
         first = replace(first, message=f"{first.message}; a second round changed nothing: {second.message}")
         return self._prove(first, update, made.furthest if escaped else math.inf)
 
