@@ -17,7 +17,11 @@ from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.model.process import Process
 from fopid_ros.tuner.learning.announcement import WORKED_OUT
 from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
-from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.closed_loop_experiment import (
+    ClosedLoopExperiment,
+    ExperimentSettings,
+    _not_overtaken,
+)
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.running_controller import read_running_controller
@@ -76,6 +80,23 @@ def test_a_look_waits_for_a_record(monkeypatch: pytest.MonkeyPatch) -> None:
     request = AutotuneRequest(ExperimentSettings(amplitude=0.2, deviation_max=0.8), "foptd", criteria, True)
     outcome = Autotuner(loop, loop, request, loop).run()  # type: ignore[arg-type]
     assert outcome.message.startswith("its record is learnt from")
+
+
+class SlowlyLookedAt:
+    """An excitation of which so much has been made, each time somebody looks, while it was looked before."""
+
+    def __init__(self, *made: float) -> None:
+        self._made = iter(made)
+
+    @property
+    def progress(self) -> float:
+        return next(self._made)
+
+
+def test_a_look_that_takes_long_is_followed_by_the_newest_that_is_due() -> None:
+    looks = (0.1, 0.2, 0.3, 0.4)
+    assert list(_not_overtaken(SlowlyLookedAt(0.0, 0.12, 0.22, 0.32), looks)) == list(looks)  # type: ignore[arg-type]
+    assert list(_not_overtaken(SlowlyLookedAt(0.0, 0.35, 0.35, 0.9), looks)) == [0.1, 0.3, 0.4]  # type: ignore[arg-type]
 
 
 class ByException(Sensor):

@@ -30,6 +30,12 @@ def test_a_measurement_that_stands_still_while_the_control_moves_is_told_until_i
     assert not any(found[131:])
 
 
+def test_one_that_was_dead_for_long_is_told_as_soon_when_it_dies_again() -> None:
+    dead = [20.0] * 30
+    found = told([*LIVELY, *dead, *LIVELY[:20], *dead], RAMP[:180])
+    assert [bool(text) for text in found[102 + STILL : 130]] == [bool(text) for text in found[152 + STILL :]]
+
+
 @pytest.mark.parametrize(
     ("values", "controls", "control_range"),
     [

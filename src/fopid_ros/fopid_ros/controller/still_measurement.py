@@ -28,17 +28,20 @@ class StillMeasurement:
     def __init__(self) -> None:
         self._value = self._control = math.nan
         self._looks = self._lasted = self._longest = 0
+        self._told = False
 
     def look(self, value: float, control: float, control_range: float) -> str:
         """What is to be told, a second after the last look; or nothing."""
         self._looks += 1
         if value != self._value:
-            self._longest = max(self._longest, self._lasted)
-            self._value, self._control, self._lasted = value, control, 0
+            if not self._told:  # what was dead says nothing of how long it usually stands still
+                self._longest = max(self._longest, self._lasted)
+            self._value, self._control, self._lasted, self._told = value, control, 0, False
             return ""
         self._lasted += 1
         usual = self._looks <= SEEN or self._lasted <= max(STILL, LONGER * self._longest)
         if usual or not abs(control - self._control) > MOVED * control_range:
             return ""
+        self._told = True
         went = f"while the control went from {self._control:.4g} to {control:.4g}"
         return f"the measurement has been {value:.4g} for {self._lasted} s, {went}: is the sensor dead?"

@@ -42,8 +42,7 @@ def test_the_process_is_learnt_with_the_age_of_the_readings_as_delay(ticks: int)
     gain, lag, delay = (found.best.parameters[name] for name in ("K", "T", "L"))
     assert gain == pytest.approx(GAIN, rel=0.03)
     assert lag == pytest.approx(LAG, rel=0.05)
-    oldest, mean = (ticks - 1) * TICK, 0.5 * (ticks - 1) * TICK
-    assert DELAY + mean - 0.05 < delay < DELAY + min(mean + TICK, oldest) + 0.1
+    assert delay == pytest.approx(DELAY + ticks // 2 * TICK, abs=0.05), "as old as readings are on the mean"
 
 
 def test_readings_that_a_clock_of_their_own_makes_a_tick_early_or_late() -> None:

@@ -13,6 +13,7 @@ _REGULAR, _USUAL, _JITTER = 0.9, 0.6, 0.1
 """Such a share of the moves come whole numbers of readings apart, such a share one reading; each may be off by a share
 of the time between two, in whole ticks."""
 _FEWEST_MOVES = 20
+"""From so many moves on that is told."""
 
 
 def as_read(record: Record) -> Record:
@@ -32,28 +33,23 @@ def as_read(record: Record) -> Record:
     ticks = _ticks_apart(record.measurement)
     if not ticks:
         return record
-    first = int(np.flatnonzero(np.diff(record.measurement))[0] + 1) % ticks
-    read = _readings(record.measurement, first, ticks)
+    read = _readings(record.measurement, ticks)
     heard = read + ticks // 2
     heard = heard[heard < record.time.size]
-    if heard.size - 1 < 2 * FEWEST_SAMPLES:
+    if heard.size <= 2 * FEWEST_SAMPLES:
         return record
-
-    def mean(values: Floats | None) -> Floats | None:
-        if values is None:
-            return None
-        sums = np.concatenate([[0.0], np.cumsum(values)])
-        return np.asarray(np.diff(sums[heard]) / np.diff(heard))
-
-    def at(values: Floats | None) -> Floats | None:
-        return None if values is None else values[heard[:-1]]
-
-    control = mean(record.control)
+    first, setpoint, excitation = heard[:-1], record.setpoint, record.excitation
     return replace(
-        record, time=record.time[heard[:-1]], measurement=record.measurement[read[: heard.size - 1]],
-        control=record.control[heard[:-1]] if control is None else control, setpoint=at(record.setpoint),
-        excitation=mean(record.excitation), control_before=record.control_before,
+        record, time=record.time[first], measurement=record.measurement[read[: first.size]],
+        control=_means(record.control, heard), setpoint=None if setpoint is None else setpoint[first],
+        excitation=None if excitation is None else _means(excitation, heard),
     )  # fmt: skip
+
+
+def _means(values: Floats, edges: Indexes) -> Floats:
+    """Of the values from each edge to the next."""
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    return np.asarray(np.diff(sums[edges]) / np.diff(edges))
 
 
 def _ticks_apart(measurement: Floats) -> int:
@@ -69,14 +65,15 @@ def _ticks_apart(measurement: Floats) -> int:
     return usual if regular else 0
 
 
-def _readings(measurement: Floats, first: int, ticks: int) -> Indexes:
+def _readings(measurement: Floats, ticks: int) -> Indexes:
     """At which samples a reading is new, also where it is the same as the one before."""
-    moves = np.flatnonzero(np.diff(measurement)) + 1
-    read: list[int] = [first] if first < moves[0] else []
-    for move in moves.tolist():
-        while read and move - read[-1] > 1.5 * ticks:
+    moves = (np.flatnonzero(np.diff(measurement)) + 1).tolist()
+    read: list[int] = [moves[0] % ticks]
+    for move in moves:
+        while move - read[-1] > 1.5 * ticks:
             read.append(read[-1] + ticks)
-        read.append(move)
+        if move > read[-1]:
+            read.append(move)
     while read[-1] + ticks < measurement.size:
         read.append(read[-1] + ticks)
     return np.array(read)

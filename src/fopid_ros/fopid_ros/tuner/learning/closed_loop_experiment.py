@@ -442,7 +442,7 @@ class ClosedLoopExperiment:
         def hook(tick: Tick) -> None:
             if ended.is_set():
                 return
-            guarded.end_if(history.regained != regained, "the controller was given other gains meanwhile")
+            guarded.end("" if history.regained == regained else "the controller was given other gains meanwhile")
             added = guarded.step(tick)
             if added != last[0] or guarded.finished:
                 self._tap.inject(added)

@@ -92,7 +92,7 @@ class GuardedExcitation:
         tick = replace(tick, measurement=self._sensor.seen(tick.measurement))
         self._follow(tick)
         added = self.excitation.step(self._loop.setpoint, tick.measurement, tick.control, tick.time)
-        self.end_if(bool(reason), reason)
+        self.end(reason)
         if not self.finished and self.peak >= self._enough:
             self.complete("moved far enough")
         if not self._sensor.held_back:  # else what the controller made of it is no move of the plant either
@@ -101,14 +101,10 @@ class GuardedExcitation:
         return self._added
 
     def end(self, reason: str) -> None:
-        """End it now."""
-        self.excitation.cancel()
-        self.excitation.reason = reason
-
-    def end_if(self, ended: bool, reason: str) -> None:
-        """End it where it is to be ended, and has not been."""
-        if ended and not self.finished:
-            self.end(reason)
+        """End it now, where there is a reason and it is not over."""
+        if reason and not self.finished:
+            self.excitation.cancel()
+            self.excitation.reason = reason
 
     def complete(self, reason: str) -> None:
         """It has served its purpose before its time."""

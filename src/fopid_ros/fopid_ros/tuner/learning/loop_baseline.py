@@ -66,7 +66,7 @@ class LoopBaseline:
         Of the measurement from the setpoint, on the average.
     drift : float
         By how much that changes from the first half of the time looked at to the second.
-    swing, swings : float
+    swing, swing_about_drift : float
         How far the measurement, noise averaged out, goes to either side; and about its drift.
     spread : float
         Standard deviation of the measurement about its drift.
@@ -98,7 +98,7 @@ class LoopBaseline:
     offset: float = 0.0
     drift: float = 0.0
     swing: float = 0.0
-    swings: float = 0.0
+    swing_about_drift: float = 0.0
     coloured: SensorNoise | None = None
     spread: float = 0.0
     control_spread: float = 0.0
@@ -133,9 +133,9 @@ class LoopBaseline:
         self.offset = float(near.mean()) - self.setpoint
         first, second = np.array_split(near, 2)
         self.drift = float(second.mean() - first.mean())
-        self.swing = half_range(near)
-        self.swings = half_range(about_drift(near))
-        self.spread = spread_about_drift(near)
+        self.swing = half_range(measured)
+        self.swing_about_drift = half_range(about_drift(measured))
+        self.spread = spread_about_drift(measured)
         self._take_noise(measured)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
@@ -263,7 +263,10 @@ class LoopBaseline:
         """Why it is not at rest after that time [s], and what would be."""
         most, share = STEADY_STATE_SHARE * self.deviation_max, "tenth"
         told, advice = f"measurement {self.offset:+.4g} off the setpoint, drifting by {self.drift:+.4g}", ""
-        if self.swings > RESTLESS_SHARE * self.deviation_max or max(abs(self.offset), abs(self.drift)) <= most:
+        if (
+            self.swing_about_drift > RESTLESS_SHARE * self.deviation_max
+            or max(abs(self.offset), abs(self.drift)) <= most
+        ):
             most, share = RESTLESS_SHARE * self.deviation_max, "fifth"
             told = f"measurement swings by {self.swing:.4g} to either side: a limit cycle or a disturbance"
             enough = max(self.swing / RESTLESS_SHARE, max(abs(self.offset), abs(self.drift)) / STEADY_STATE_SHARE)
