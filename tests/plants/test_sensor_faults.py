@@ -15,7 +15,6 @@ from fopid_core.design.identification.identify import identify
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
 from fopid_ros.tuner.learning.running_controller import read_running_controller
-from fopid_ros.tuner.learning.sensor_faults import without_lone_samples
 
 NEVER, DROP = 10**9, 3.0
 
@@ -77,7 +76,7 @@ def test_what_is_learnt_beside_such_samples_is_what_is_learnt_without_them() -> 
     for drops in (NEVER, 53):
         loop, made = experiment(drops=drops)
         made.excite()
-        record = without_lone_samples(loop.history.record(0.5 * loop.exhibit.horizon), made.loop.deviation_max)
+        record = loop.history.record(0.5 * loop.exhibit.horizon)
         found = identify(record, "foptd", noise=made.loop.unrest)
         assert found.success, found.message
         assert found.best is not None

@@ -254,7 +254,7 @@ def test_two_tests_with_a_weekend_between_are_not_one_of_sixty_hours(tmp_path: P
     path = written(Record(np.append(one.time, two.time + 216_000.0), *joined), tmp_path / "weekend.csv")
     found = answer(path)
     assert found["success"]
-    assert f"of {joined[0].size} samples the {one.time.size} of the longest stretch" in found["message"]
+    assert f"of {joined[0].size} samples the {one.time.size} from 0 s to 599 s, a stretch" in found["message"]
     assert read_process(found["process"]).delay == pytest.approx(8.0, abs=0.5)
 
 

@@ -7,6 +7,10 @@ import math
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from fopid_core.model.fopid import Fopid
+from fopid_core.runtime.controller import ControllerSettings
+from fopid_core.runtime.controller_bank import ControllerBank
+from fopid_ros.controller.joints.joint import Joint
 from fopid_ros.controller.still_measurement import STILL, StillMeasurement
 
 from ..conftest import Graph
@@ -42,12 +46,29 @@ def test_one_that_was_dead_for_long_is_told_as_soon_when_it_dies_again() -> None
         ([*LIVELY, *[20.0] * 100], [50.0] * 200, 100.0),
         ([20.0 + k // 15 for k in range(200)], RAMP, 100.0),
         ([*LIVELY[:30], *[20.0] * 29], RAMP[:59], 100.0),
-        ([*LIVELY, *[20.0] * 100], RAMP, math.inf),
+        ([*LIVELY, *[20.0] * 100], [*RAMP[:100], *(100.0 + 0.04 * k for k in range(100))], math.inf),
     ],
-    ids=["at rest, exactly", "coarse steps", "not looked at for long", "no limits"],
+    ids=["at rest, exactly", "coarse steps", "not looked at for long", "no limits, and hardly a move"],
 )
 def test_one_that_may_stand_still_is_not(values: list[float], controls: list[float], control_range: float) -> None:
     assert not any(told(values, controls, control_range))
+
+
+def test_without_limits_what_the_control_did_before_is_the_measure() -> None:
+    assert any(told([*LIVELY, *[20.0] * 30], RAMP[:130], math.inf))
+
+
+def test_each_joint_has_its_own() -> None:
+    names = ("base", "elbow")
+    settings = ControllerSettings(Fopid(1.0, 0.0, 0.0), 0.01, control_min=0.0, control_max=10.0)
+    joints = [Joint(*each) for each in zip(names, ControllerBank([settings, settings]).controllers, strict=True)]
+    for k in range(75):
+        for joint in joints:
+            joint.measurement.value = 20.0 if joint.name == "elbow" and k > 60 else LIVELY[k]
+            joint.controller.hold(0.1 * k)
+        found = [joint.repeats() for joint in joints]
+    assert found[0] == ""
+    assert found[1].startswith("the measurement of elbow has been 20 for")
 
 
 @pytest.mark.long

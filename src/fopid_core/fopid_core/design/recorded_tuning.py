@@ -58,6 +58,8 @@ HOW_ELSE = (
     "record without a load, in smaller moves"
 )
 """What to do where the controller that ran would not hold what was learnt."""
+_FINE = 0.1
+"""Steps of so small a share of the noise are not worth a word."""
 _NEAR = 0.05
 """A control that rests within this share of its range from a limit tells nothing of how far it may go."""
 
@@ -164,7 +166,7 @@ def recorded_bounds(
     if noise.spectrum:
         often = noise.spectrum.frequency[int(np.argmax(noise.spectrum.share))]
         parts.append(f"not white, most of it about {often:.3g} rad/s")
-    if noise.step:
+    if noise.step > _FINE * level:
         parts.append(f"quantised in steps of {noise.step:.3g}")
     room = record.control_max - record.control_min
     if math.isfinite(room):

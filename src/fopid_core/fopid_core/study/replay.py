@@ -19,6 +19,7 @@ from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.identification.noise import resolution
 from fopid_core.design.identification.record import REGULAR, Record
 from fopid_core.design.identification.refusal import refusal_of_feedback
+from fopid_core.design.identification.sensor_faults import as_told, while_alive
 from fopid_core.design.recorded_law import contradicts_law
 from fopid_core.design.recorded_tuning import HOW_ELSE, tune_recorded
 from fopid_core.design.response_verification import held_to_record
@@ -149,9 +150,16 @@ def replay(
     Raises
     ------
     InputError
-        If the record has no setpoint, or is too long.
+        If the record has no setpoint, is too long or has a break, or its sensor was dead for a while.
     """
     begun = clock()
+    record, told_of_sensor = as_told(record)
+    if dead := while_alive(record)[1]:
+        raise InputError(f"record: {dead} allowed: a stretch without (--from, --to)")
+    if breaks := record.breaks:
+        until = record.time[np.searchsorted(record.time, breaks[0], side="right")]
+        told = f"record: no samples from {breaks[0]:.6g} s to {until:.6g} s"
+        raise InputError(f"{told}; allowed: a stretch without a break (--from, --to)")
     even = evenly(record)
     if even.setpoint is None:
         raise InputError("record without a setpoint; allowed: one with a setpoint, which the loop would have followed")
@@ -168,7 +176,7 @@ def replay(
     if least is not None and least.iae > before.iae:
         told = f"{told}; on this day they leave more error than what ran, {least.iae:.4g} or more for {before.iae:.4g}"
     rest = (gains, before, *(day or _NO_DAY)[:3], even.time, even.setpoint, *(day or _NO_DAY)[3:], clock() - begun)
-    return Replay(day is not None, told, learnt.identified, str(learnt.flaws), *rest)
+    return Replay(day is not None, told + told_of_sensor, learnt.identified, str(learnt.flaws), *rest)
 
 
 _Day = tuple[Figures | None, Figures | None, Figures | None, Band | None, Band | None, float]

@@ -7,12 +7,18 @@ import math
 SEEN, STILL, LONGER = 60, 10, 3
 """So many looks show how long a measurement stands still; for so many it does, and for so many times as long as it ever
 did, where its sensor is dead."""
-MOVED = 0.01
-"""Share of the control's range by which the control has moved meanwhile."""
+MOVED, MOVED_OF_SEEN = 0.01, 0.1
+"""Share of the control's range by which the control has moved meanwhile; where that has no end, of the range that the
+control went through while the measurement moved."""
 
 
 class StillMeasurement:
     """Looked at once a second: a measurement that used to change stands still, though the control moves.
+
+    Parameters
+    ----------
+    name : str
+        Of the measurement, in words.
 
     Examples
     --------
@@ -25,8 +31,10 @@ class StillMeasurement:
     'the measurement has been 20 for 11 s, while the control went from 50 to 61: is the sensor dead?'
     """
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "measurement") -> None:
+        self._name = name
         self._value = self._control = math.nan
+        self._low, self._high = math.inf, -math.inf  # of the control while the measurement moved
         self._looks = self._lasted = self._longest = 0
         self._told = False
 
@@ -37,11 +45,13 @@ class StillMeasurement:
             if not self._told:  # what was dead says nothing of how long it usually stands still
                 self._longest = max(self._longest, self._lasted)
             self._value, self._control, self._lasted, self._told = value, control, 0, False
+            self._low, self._high = min(self._low, control), max(self._high, control)
             return ""
         self._lasted += 1
         usual = self._looks <= SEEN or self._lasted <= max(STILL, LONGER * self._longest)
-        if usual or not abs(control - self._control) > MOVED * control_range:
+        least = MOVED * control_range if math.isfinite(control_range) else MOVED_OF_SEEN * (self._high - self._low)
+        if usual or not abs(control - self._control) > least:
             return ""
         self._told = True
         went = f"while the control went from {self._control:.4g} to {control:.4g}"
-        return f"the measurement has been {value:.4g} for {self._lasted} s, {went}: is the sensor dead?"
+        return f"the {self._name} has been {value:.4g} for {self._lasted} s, {went}: is the sensor dead?"

@@ -180,21 +180,21 @@ def test_a_loop_that_only_answers_disturbances_is_refused_since_it_shows_the_con
     assert identify(moved, "nioptd2").success
 
 
-def test_a_gap_that_the_samples_do_not_bridge_is_named() -> None:
+def test_a_gap_that_samples_at_odd_times_do_not_bridge_is_named() -> None:
     whole = open_loop("P1", np.repeat(np.random.default_rng(3).integers(0, 2, 40), 50), 0.02, noise=0.02)
-    kept = (whole.time < 15.0) | (whole.time > 23.0)
+    kept = ((whole.time < 15.0) | (whole.time > 23.0)) & (np.random.default_rng(4).random(2000) < 0.7)
     result = identify(Record(whole.time[kept], whole.control[kept], whole.measurement[kept]), "soptd")
     assert not result.success
-    assert "no samples from 14.98 to 23.02 s" in result.message
+    assert re.search(r"no samples from 14\.9\d to 23\.0\d s", result.message)
 
 
 def test_numbers_that_stand_for_no_measurement_are_pointed_at_where_nothing_can_be_learnt() -> None:
     clean = step_record("2/(10s+1)*exp(-3s)", 150.0, 0.25, 0.02)
     measurement = clean.measurement.copy()
-    measurement[[40, 90]] = -9999.0
+    measurement[40:46] = measurement[90:96] = -9999.0
     found = identify(Record(clean.time, clean.control, measurement), "foptd")
     assert not found.success
-    assert "the measurement is -9999 at 10 s, far beyond all but 2 samples" in found.message
+    assert "the measurement is -9999 at 10 s, far beyond all but 12 samples" in found.message
     assert "far beyond" not in identify(clean, "foptd").message
 
 

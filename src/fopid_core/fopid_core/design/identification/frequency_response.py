@@ -34,7 +34,7 @@ from scipy.special import fdtri
 from fopid_core.design.identification.feedback import moved_from_outside
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
 from fopid_core.design.identification.response import InitialCondition
-from fopid_core.design.identification.slow_sensor import as_read
+from fopid_core.design.identification.sensor_faults import sound
 from fopid_core.design.sampled_loop import sampled_process
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Booleans, Complexes, Floats, Indexes
@@ -149,7 +149,7 @@ def frequency_response(records: Record | Sequence[Record], points: int = POINTS)
     >>> bool(found.known.mean() > 0.5), bool(inside.mean() > 0.8)
     (True, True)
     """
-    several = [as_read(record) for record in ([records] if isinstance(records, Record) else records)]
+    several = [sound(record)[0] for record in ([records] if isinstance(records, Record) else records)]
     if not several:
         raise InputError("no records; allowed: one or more")
     usual = [float(np.median(np.diff(record.time))) for record in several]

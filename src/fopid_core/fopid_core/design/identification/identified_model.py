@@ -57,6 +57,8 @@ class IdentifiedModel:
         its size.
     flaws : Flaws
         Of the actuator before the process: a dead band that the record speaks for.
+    offset : float
+        How long after the record the stretch began that it was learnt from [s].
     """
 
     template: str
@@ -76,6 +78,7 @@ class IdentifiedModel:
         default_factory=dict, init=False, repr=False, compare=False
     )
     flaws: Flaws = field(default_factory=Flaws, kw_only=True)
+    offset: float = field(default=0.0, kw_only=True)
 
     @property
     def structure(self) -> Structure:
@@ -94,8 +97,8 @@ class IdentifiedModel:
 
     @property
     def loads(self) -> tuple[float, ...]:
-        """When steps of a load came [s after the first instant], where something spoke for that."""
-        return self._fit.response.start.loads
+        """When steps of a load came [s after the record's first instant], where something spoke for that."""
+        return tuple(self.offset + instant for instant in self._fit.response.start.loads)
 
     @property
     def in_coloured_noise(self) -> bool:
@@ -126,7 +129,7 @@ class IdentifiedModel:
     def simulated(self) -> tuple[Floats, Floats, Floats]:
         """Instants [s], the measurement there, and what the model makes of the control; of long records averages."""
         measured = self._fit.response.measurement  # of one that runs away the prediction, a sample ahead
-        return self._fit.response.time, measured, measured - self._fit.residual
+        return self.offset + self._fit.response.time, measured, measured - self._fit.residual
 
     @property
     def slopes(self) -> Floats:

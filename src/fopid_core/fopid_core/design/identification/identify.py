@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,7 +37,7 @@ from fopid_core.design.identification.refusal import (
 )
 from fopid_core.design.identification.response import InitialCondition, RecordResponse
 from fopid_core.design.identification.runaway import response_to, runaway_fits
-from fopid_core.design.identification.slow_sensor import as_read
+from fopid_core.design.identification.sensor_faults import compressed, sound
 from fopid_core.design.identification.structure import (
     TEMPLATE_STRUCTURES,
     UNSTABLE_STRUCTURES,
@@ -128,7 +128,7 @@ def identify(
     Parameters
     ----------
     record : Record
-        Where nothing was recorded for long, the longest stretch counts.
+        Where nothing was recorded for long, the longest stretch from which something can be learnt counts.
     template : str
         ``foptd``, ``soptd``, ``nioptd1``, ``nioptd2``; ``all`` of them, and richer ones where these miss something;
         ``rational:N/M`` with a denominator of order N and a numerator of order M; ``unstable:N`` with one of N poles
@@ -162,31 +162,42 @@ def identify(
     >>> found.success, round(found.best.parameters["K"], 3), round(found.best.parameters["T"], 3)
     (True, 2.0, 1.0)
     """
-    begun = clock()
-    whole, stretch = record, record.longest_stretch
-    record = as_read(stretch)
-    search = _search(template, noise, disturbances, unstable)
+    begun, search = clock(), _search(template, noise, disturbances, unstable)
+    whole, told_of_sensor = sound(record)
+    learnt: list[IdentificationResult] = []
+    for stretch in whole.stretches:
+        learnt.append(_learnt_from(stretch, search, float(stretch.time[0] - record.time[0])))
+        if learnt[-1].success:
+            break
+    found = learnt[-1] if learnt[-1].success else learnt[0]
+    told = found.message + told_of_sensor
+    if not found.success and (thinned := compressed(record)):
+        told += f"; {thinned}: export raw values"
+    if len(whole.stretches) > 1:
+        stretch = whole.stretches[learnt.index(found)]
+        where = f"{stretch.time.size} from {stretch.time[0]:.6g} s to {stretch.time[-1]:.6g} s"
+        told += f"; of {record.time.size} samples the {where}, a stretch without a break, were used"
+    return replace(found, message=told + _late(record), elapsed=clock() - begun)
+
+
+def _learnt_from(record: Record, search: _Search, offset: float) -> IdentificationResult:
+    """What is found in a stretch without breaks, which began so long after its record [s]."""
     nothing = refusal_before(record)
     if nothing:
-        return IdentificationResult(False, nothing, (), None, clock() - begun)
-    rough = rough_fit(record, _ROUGH, loads=disturbances)
+        return IdentificationResult(False, nothing, (), None, 0.0)
+    rough = rough_fit(record, _ROUGH, loads=search.disturbances)
     nothing = refusal_of_feedback(record, rough.response.start)
     if nothing:
-        return IdentificationResult(False, nothing, (), None, clock() - begun)
+        return IdentificationResult(False, nothing, (), None, 0.0)
     found = search.of(record, rough)
     refusal = found.refusal or refusal_beside_the_setpoint(record, found.best)
+    found = found.began(offset)
     told = refusal or _told(found.best)
     if not refusal and not np.ptp(record.control) and record.control_before is None:
         told += (
             f"; taken for a step of the control from 0 to {record.control[0]:g} at the first sample (control_before)"
         )
-    if record is not stretch:
-        told += f"; the sensor has read every {record.sample_time:.3g} s only"
-    if stretch is not whole:
-        told += (
-            f"; of {whole.time.size} samples the {stretch.time.size} of the longest stretch without a break were used"
-        )
-    return IdentificationResult(not refusal, told + _late(whole), found.models, found.best, clock() - begun)
+    return IdentificationResult(not refusal, told, found.models, found.best, 0.0)
 
 
 @dataclass(frozen=True)
@@ -199,7 +210,14 @@ class _Found:
 
     def behind(self, flaws: Flaws) -> _Found:
         """The same of a process behind an actuator."""
-        known = {id(model): replace(model, flaws=flaws) for model in (*self.models, self.best)}
+        return self._each(lambda model: replace(model, flaws=flaws))
+
+    def began(self, offset: float) -> _Found:
+        """The same from a stretch that began so long after the record [s]."""
+        return self._each(lambda model: replace(model, offset=offset)) if offset else self
+
+    def _each(self, changed: Callable[[IdentifiedModel], IdentifiedModel]) -> _Found:
+        known = {id(model): changed(model) for model in (*self.models, self.best)}
         return _Found(tuple(known[id(model)] for model in self.models), known[id(self.best)], self.refusal)
 
 
@@ -302,7 +320,7 @@ def behind_slow_actuator(
     possible : bool
         Whether the smallest limit is wanted that the record leaves possible, though it may not speak for any.
     """
-    begun, best, record = time.perf_counter(), learnt.best, as_read(record)
+    begun, best, record = time.perf_counter(), learnt.best, sound(record)[0].stretches[0]
     flaws = rate_limit_of(record, best, 0.0 if possible else SPEAKS) if best is not None else None
     if best is None or flaws is None:
         return None

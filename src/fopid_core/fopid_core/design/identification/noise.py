@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -11,7 +11,7 @@ from scipy.signal import detrend
 
 from fopid_core.design.identification.noise_spectrum import NoiseSpectrum, noise_spectrum
 from fopid_core.design.identification.record import Record
-from fopid_core.model.arrays import Floats
+from fopid_core.model.arrays import Floats, Indexes
 
 _BLOCKS, _SHORTEST, _LONGEST = 20, 16, 200
 """A record is looked at in so many blocks, each of so many samples at least and at most."""
@@ -30,6 +30,9 @@ _FEWEST, _LEVEL = 100, 1.2
 FAR_OFF, MAD, FEW = 10.0, 1.4826, 0.05
 """A value that is so many standard deviations off the others, these told from the median distance, is no noise; such a
 share of all may be."""
+_DROPPED, _BACK, _SEEN, _USUAL_RANGE = 5, 0.2, 0.1, (5.0, 95.0)
+"""So many samples in a row may drop out: they jump by `FAR_OFF` and by a share of the measurement's range between these
+per cent of it, stay there, and come back to where they were but for a share of the jump."""
 _FEWEST_REPORTS, _ALIKE = 10, 1.5
 """A measurement told by exception shows so many moves, half of them no larger than so many times the least."""
 _OUTLYING = 5
@@ -63,7 +66,8 @@ class SensorNoise:
 def sensor_noise(record: Record) -> SensorNoise:
     """The noise in those stretches of a record in which the measurement does nothing else.
 
-    Where it rests until somebody moves it, and what it does there is not white, that stretch alone counts.
+    Where it rests until somebody moves it, and what it does there is not white, that stretch alone counts. Samples that
+    drop out are no noise.
 
     Examples
     --------
@@ -74,7 +78,8 @@ def sensor_noise(record: Record) -> SensorNoise:
     >>> round(found.level, 3), found.step
     (0.01, 0.0)
     """
-    measured, step = record.measurement, reported_step(record.measurement)
+    measured, dropped = bridged(record.measurement)
+    record, step = replace(record, measurement=measured) if dropped.size else record, reported_step(measured)
     rest = _before_the_first_move(record)
     coloured = noise_at_rest(rest, record.sample_time) if rest is not None else None
     if coloured is not None:
@@ -136,10 +141,47 @@ def outlying_power(values: Floats) -> float:
     if values.size < _OUTLYING:
         return 0.0
     off = values - median_filter(values, _OUTLYING, mode="nearest")
-    noise = MAD * float(np.median(np.abs(np.diff(values)))) / math.sqrt(2.0)
-    noise = max(noise, resolution(values) / math.sqrt(12.0))
+    noise = max(_white_part(np.diff(values)), resolution(values) / math.sqrt(12.0))
     far = np.abs(off) > FAR_OFF * noise
     return float(np.sum(off[far] ** 2)) / values.size if noise and far.sum() <= FEW * values.size else 0.0
+
+
+def bridged(values: Floats) -> tuple[Floats, Indexes]:
+    """A signal without the samples that dropped out, a line in their place, and which these are.
+
+    They are away from one sample to the next and back where they were soon after, beside a steady signal. What happens
+    often is no dropout.
+
+    Examples
+    --------
+    >>> measured = 50.0 + 0.1 * np.random.default_rng(0).standard_normal(100)
+    >>> measured[[40, 60, 61]] = 0.0
+    >>> found, dropped = bridged(measured)
+    >>> dropped, bool(found.min() > 49.0)
+    (array([40, 60, 61]), True)
+    """
+    moves = np.diff(values)
+    noise = max(_white_part(moves), resolution(values) / math.sqrt(12.0))
+    low, high = np.percentile(values, _USUAL_RANGE)
+    jumps = np.flatnonzero(np.abs(moves) > max(FAR_OFF * noise, _SEEN * (high - low))).tolist()
+    found: list[int] = []
+    while len(jumps) > 1:
+        away, back = jumps[:2]
+        near = _BACK * abs(moves[away])
+        stays, returns = np.ptp(values[away + 1 : back + 1]) <= near, abs(values[back + 1] - values[away]) <= near
+        steady = min(abs(values[away] - values[max(away - 1, 0)]), np.ptp(values[back + 1 : back + 3])) <= near
+        drops = back - away <= _DROPPED and stays and returns and steady
+        if drops:
+            found += range(away + 1, back + 1)
+        jumps = jumps[2 if drops else 1 :]
+    dropped = np.array(found if len(found) <= FEW * values.size else [], dtype=np.intp)
+    kept = np.delete(np.arange(values.size), dropped)
+    return (np.interp(np.arange(values.size), kept, values[kept]) if dropped.size else values), dropped
+
+
+def _white_part(moves: Floats) -> float:
+    """Standard deviation of white noise that moves so from sample to sample, however far few of these are off."""
+    return MAD * float(np.median(np.abs(moves))) / math.sqrt(2.0)
 
 
 def resolution(values: Floats) -> float:

@@ -20,6 +20,11 @@ _NEAR_TICKS = 0.15
 _BREAK_SAMPLES, _BREAK_TIMES = 50.0, 5.0
 """A distance of so many usual ones, and so many times as long as anything that was recorded without one, is a break;
 what is shorter may be a measurement that is told only where it changes."""
+_HOLE_TICKS, _EVEN, _EVEN_SHARE, _MOVED = 20.0, 0.1, 0.9, 3.0
+"""So is one of so many ticks in a record that is even otherwise, to a share of a tick at a share of its instants, where
+the control is another afterwards by so many times its usual moves: nobody knows when it moved."""
+_LOOKS, _WORTH_A_LOOK = 3, 0.3
+"""So many stretches are of interest, if they have that share of the longest's samples."""
 _BLOCKS, _EVERY = 250, 5
 """The record is cut into about so many blocks; every fifth is held back to judge the fit."""
 
@@ -130,7 +135,7 @@ class Record:
 
     @property
     def breaks(self) -> list[float]:
-        """After which instants nothing was recorded for long: a night, a weekend [s].
+        """After which instants nothing was recorded for long, or the control was moved meanwhile [s].
 
         Examples
         --------
@@ -142,26 +147,41 @@ class Record:
         before = np.flatnonzero(gaps > _BREAK_SAMPLES * np.median(gaps))
         edges = np.concatenate([[-1], before, [gaps.size]])
         longest = (self.time[edges[1:]] - self.time[edges[:-1] + 1]).max()
-        return [float(self.time[k]) for k in before if gaps[k] > _BREAK_TIMES * longest]
+        long = {k for k in before.tolist() if gaps[k] > _BREAK_TIMES * longest}
+        return [float(self.time[k]) for k in sorted(long | self._holes)]
 
     @property
-    def longest_stretch(self) -> Record:
-        """Of the stretches between breaks the one with most samples; all of it where there is no break.
+    def _holes(self) -> set[int]:
+        """After which samples of an even record some are missing while the control was moved."""
+        gaps, moves = np.diff(self.time), np.abs(np.diff(self.control))
+        usual = np.median(gaps)
+        if np.mean(np.abs(gaps - usual) <= _EVEN * usual) < _EVEN_SHARE:
+            return set()
+        moved = moves > _MOVED * np.quantile(moves, 0.95)
+        return set(np.flatnonzero((gaps > _HOLE_TICKS * usual) & moved).tolist())
+
+    @cached_property
+    def stretches(self) -> tuple[Record, ...]:
+        """Those between breaks, the longest first; what is much shorter than that says nothing beside it.
 
         Raises
         ------
         InputError
-            If even that has too few.
+            If even the longest has too few samples.
         """
+        if not self.breaks:
+            return (self,)
         edges = [-math.inf, *self.breaks, math.inf]
-        inside = [(self.time > first) & (self.time <= last) for first, last in pairwise(edges)]
-        times = self.time[max(inside, key=np.count_nonzero)]
-        if len(inside) > 1 and times.size < FEWEST_SAMPLES:
-            most = f"{times.size} of {self.time.size} samples between two gaps"
+        inside = [self.time[(self.time > first) & (self.time <= last)] for first, last in pairwise(edges)]
+        inside.sort(key=np.size, reverse=True)
+        most = inside[0].size
+        if most < FEWEST_SAMPLES:
             raise InputError(
-                f"{most}; allowed: {FEWEST_SAMPLES} or more; where only changes are told, export at even times"
+                f"{most} of {self.time.size} samples between two gaps; allowed: {FEWEST_SAMPLES} or more; where only "
+                "changes are told, export at even times"
             )
-        return self if len(inside) == 1 else self.part(float(times[0]), float(times[-1]))
+        least = max(FEWEST_SAMPLES, _WORTH_A_LOOK * most)
+        return tuple(self.part(float(each[0]), float(each[-1])) for each in inside[:_LOOKS] if each.size >= least)
 
     def averaged(self, most: int) -> tuple[Floats, Floats]:
         """Instants and measurements, of blocks of samples where there are more than ``most`` samples."""

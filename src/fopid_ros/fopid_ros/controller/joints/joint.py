@@ -12,6 +12,7 @@ from fopid_core.runtime.controller_bank import Signals
 from fopid_ros.common.inputs import Input
 from fopid_ros.controller.inputs import timeouts
 from fopid_ros.controller.state_message import STATE, fill_signals
+from fopid_ros.controller.still_measurement import StillMeasurement
 
 
 class Joint:
@@ -40,6 +41,7 @@ class Joint:
             "manual_control": self.manual, "tracking": self.tracking,
         }  # fmt: skip
         self.unusable: tuple[Input, ...] = ()
+        self._still = StillMeasurement(self.measurement.name)
         self.message = STATE.record()
         self._on_stale, self._safe = "hold", 0.0
         self._parts_known = False
@@ -105,6 +107,12 @@ class Joint:
         """The inputs that it does without since they are too old."""
         added = [self.feedforward] if self.feedforward.value and self.feedforward.stale(now_ns) else []
         return added + ([self.tracking] if self.tracking.stale(now_ns) else [])
+
+    def repeats(self) -> str:
+        """Whether its sensor repeats its last value, looked at once a second; empty where it does not."""
+        settings = self.controller.settings
+        control_range = settings.control_max - settings.control_min
+        return self._still.look(self.measurement.value, self.controller.state.control, control_range)
 
     def told(self, stamp_ns: int, now_ns: int) -> Any:
         """Its state, with the fields of FopidState."""

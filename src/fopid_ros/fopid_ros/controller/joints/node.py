@@ -87,7 +87,7 @@ class JointsNode(TickingNode):
         self._conflicts = PublisherConflicts(self, SIGNALS)
         heard = [name for name in SIGNALS if name != "control" and (name != "tracking" or values["tracking.enabled"])]
         self._message_types = MessageTypes(self, {name: types[name].message_type for name in heard})
-        self._contested = False
+        self._contested, self._ticks_looked_at = False, 0
         self._troubled: tuple[str, ...] = ()
         self._take_settings()
         self._set_modes()
@@ -247,13 +247,18 @@ class JointsNode(TickingNode):
         return mode if self._active else "inactive", found, facts
 
     def _lacks(self, now_ns: int) -> list[tuple[bytes, str]]:
+        """What the controls lack, in words with their levels."""
         found = []
+        ticks = self._statistics.counts.ticks
+        stands, self._ticks_looked_at = ticks == self._ticks_looked_at, ticks
         for joint in self._joints:
             names = " and ".join(one.name for one in joint.unusable)
             if names and joint.awaits_first_input:
                 found.append((DiagnosticStatus.WARN, f"waiting for {names}"))
             elif names:
                 found.append((DiagnosticStatus.ERROR, f"{names} stale"))
+            elif not stands and (told := joint.repeats()):
+                found.append((DiagnosticStatus.WARN, told))
             found += [
                 (DiagnosticStatus.WARN, f"{one.name} stale: the loop goes on without it")
                 for one in joint.dropped(now_ns)

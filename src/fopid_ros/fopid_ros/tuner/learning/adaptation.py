@@ -12,6 +12,7 @@ from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.noise import SensorNoise, sensor_noise
 from fopid_core.design.identification.record import Record
+from fopid_core.design.identification.sensor_faults import while_alive, without_dropouts
 from fopid_core.design.response_verification import checked
 from fopid_core.errors import InputError
 from fopid_core.runtime.performance_monitor import LoopPerformance, PerformanceMeter
@@ -90,6 +91,11 @@ class Adaptation:
         if record is None:
             return None
         self._tap.check_that_it_is_one_loop()
+        record = without_dropouts(record)[0]
+        dead = while_alive(record)[1]
+        if dead:
+            self.message = dead
+            return None
         if self.model is None:
             return self._identify_first_model(record)
         seen = drift(self.model, record)

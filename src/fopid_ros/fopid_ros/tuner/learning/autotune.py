@@ -12,6 +12,7 @@ from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identify import IdentificationResult, behind_slow_actuator, identify
 from fopid_core.design.identification.noise import hidden_by_steps
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
+from fopid_core.design.identification.sensor_faults import without_dropouts
 from fopid_core.design.response_verification import contradicts_rest
 from fopid_core.design.slower import act_alike
 from fopid_core.design.specification import TuningResult
@@ -38,7 +39,7 @@ from fopid_ros.tuner.learning.proof import Proof
 from fopid_ros.tuner.learning.reach import NOT_MOVED, Reach
 from fopid_ros.tuner.learning.rest import RestlessError
 from fopid_ros.tuner.learning.running_controller import RunningController, read_running_controller
-from fopid_ros.tuner.learning.sensor_faults import LoneSample, without_lone_samples
+from fopid_ros.tuner.learning.sensor_faults import LoneSample
 
 EXPERIMENTS = 3
 """How often the experiment is made while its record says too little."""
@@ -223,8 +224,7 @@ class Autotuner:
                 excited_until = self._experiment.newest
                 outcome = self._learn(began)
                 self._experiment.latest += self._experiment.newest - excited_until  # working out moves nothing
-                nothing_was_learnt = outcome.tuned is None
-                widened = self._experiment.fits and nothing_was_learnt and self._experiment.widen()
+                widened = self._experiment.fits and outcome.tuned is None and self._experiment.widen()
             if outcome.success or (ended and not widened) or not self._experiment.fits:
                 break
             # What hid the process in smaller moves would do so again: it is learnt from alone.
@@ -438,7 +438,7 @@ class Autotuner:
         return Flaws(rate=self._rate).of_record(record) if math.isfinite(self._rate) else record
 
     def _heard(self, since: float) -> Record:
-        return without_lone_samples(self._tap.history.record(since), self._experiment.loop.deviation_max)
+        return without_dropouts(self._tap.history.record(since))[0]
 
     def _learn(self, began: float) -> Outcome:
         """A model of all that was heard since ``began``, and gains for it."""

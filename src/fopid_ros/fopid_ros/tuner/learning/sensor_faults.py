@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-
-import numpy as np
-
-from fopid_core.design.identification.record import Record
 
 JUMP = 0.5
 """A sample that is further from the one before than this share of the allowed deviation counts once the next one is
@@ -89,24 +84,3 @@ class DeadSensor:
             return ""
         told = f"the measurement has stood still at {measurement:.4g} for {time - self._since:.3g} s"
         return f"{told} while the control was moved: is the sensor dead?"
-
-
-def without_lone_samples(record: Record, deviation_max: float) -> Record:
-    """A record whose lone samples are replaced by the mean of those about them; what the control made of them stays.
-
-    Examples
-    --------
-    >>> time = np.arange(40.0)
-    >>> found = without_lone_samples(Record(time, time, np.where(time == 20.0, 0.0, 5.0)), deviation_max=1.0)
-    >>> float(found.measurement[20])
-    5.0
-    """
-    before, values, after = (record.measurement[first : first - 2 or None] for first in range(3))
-    most = JUMP * deviation_max
-    away = (np.abs(values - before) > most) & (np.abs(values - after) > most)
-    lone = 1 + np.flatnonzero(away & (np.abs(after - before) <= most))
-    if not lone.size:
-        return record
-    measurement = record.measurement.copy()
-    measurement[lone] = 0.5 * (measurement[lone - 1] + measurement[lone + 1])
-    return replace(record, measurement=measurement)
