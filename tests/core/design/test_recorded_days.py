@@ -89,7 +89,7 @@ def recycle() -> Lags:
     return Lags(1.0, 0.5, 12.0, 4.0, 8.0, back=0.75, back_delay=60.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_where_a_recycle_hides_the_delay_no_gains_come_out_that_let_the_loop_go(seed: int) -> None:
     """Its model has no delay, and the response without one ends where the loop gain was 3: all three ran away."""
@@ -136,7 +136,7 @@ def test_a_method_that_cannot_keep_to_a_slow_actuator_says_that_it_is_slow() -> 
     assert re.search(r"no more than 0\.[45]\d* a second, which tune frequency does not keep to", found.message)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_record_of_a_slow_loop_answers_for_no_loop_that_is_far_faster(monkeypatch: pytest.MonkeyPatch) -> None:
     """Behind a recycle gains came twelve times as large as those that ran, and cycled from limit to limit."""
     record = day(Lags(0.5, 1.5, 5.0, 2.0, 1.0), 0.05, 0.01, [0.0, 6.0, -4.0, 3.0, 0.0], 1500, 0.3, 0)

@@ -118,7 +118,7 @@ def test_stability_is_that_of_the_eigenvalues() -> None:
     assert agree(25, seed=1) > 20
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_stability_is_that_of_the_eigenvalues_on_many_loops() -> None:
     assert agree(600, seed=2) > 500
 

@@ -192,7 +192,7 @@ def test_a_second_demo_on_the_same_domain_starts_nothing(tmp_path: Path) -> None
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
     out = tmp_path / "run"
     demo = f'"{BIN / "fopid_demo"}" --process P4 --out "{out}"'

@@ -236,7 +236,7 @@ def test_a_plant_unlike_the_models_is_tuned_well_or_refused(loops: Any, kind: st
     loop.until_at_rest()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_a_plant_that_integrates_has_a_second_round_and_what_ran_before_the_first_is_told(loops: Any) -> None:
     """The start gains hold back what is tried first; in the plan, the feedback and the result it is one tuning."""

@@ -128,7 +128,7 @@ def test_stiction_is_told_from_play(seed: int) -> None:
     assert "the actuator sticks within 0.1" in found.message
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("integrates", [True, False])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_play_behind_what_sticks_is_learnt_beside_it(seed: int, integrates: bool) -> None:
@@ -185,7 +185,7 @@ def test_gains_from_a_record_are_for_the_process_behind_the_play_and_that_is_sai
     assert found.identified.best.parameters["T"] == pytest.approx(LAG, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_process_is_judged_anew_behind_the_same_play() -> None:
     model = identify(recorded(play(0.1), 0), noise=LEVEL).best
     assert model is not None

@@ -129,7 +129,7 @@ def test_play_is_not_taken_for_a_slow_actuator() -> None:
     assert slow is None or slow.flaws.rate > 50.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_where_there_are_both_both_are_learnt() -> None:
     made = record(5.0, 0.005, play=0.3)
     slow = behind_slow_actuator(made, identify(made))

@@ -75,7 +75,7 @@ def test_where_the_noise_of_its_own_control_loads_the_process_that_noise_is_made
         assert abs(complex(found.best.process(1j * w)) / true - 1.0) < 0.12
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_loop_that_holds_it_against_a_load_does_not_pass_for_an_actuator_that_sticks(seed: int) -> None:
     """Found in another simulator: "sticks within 1.6, worst max |S| 1.18" of gains that let it go."""

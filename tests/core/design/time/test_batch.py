@@ -53,7 +53,7 @@ def test_numbers_on_the_edge_of_their_range_are_named() -> None:
     assert "on the edge of its range: lam = 0.05 (range 0.05 to 2)" in result.message
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", some_of(SAMPLE))
 def test_neither_a_seed_nor_a_restriction_finds_a_better_optimum(name: str) -> None:
