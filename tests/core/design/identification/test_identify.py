@@ -185,7 +185,7 @@ def test_a_gap_that_samples_at_odd_times_do_not_bridge_is_named() -> None:
     kept = ((whole.time < 15.0) | (whole.time > 23.0)) & (np.random.default_rng(4).random(2000) < 0.7)
     result = identify(Record(whole.time[kept], whole.control[kept], whole.measurement[kept]), "soptd")
     assert not result.success
-    assert re.search(r"no samples from 14\.9\d to 23\.0\d s", result.message)
+    assert re.search(r"no samples from 14\.9\d* to 23[.\d]* s", result.message)
 
 
 def test_numbers_that_stand_for_no_measurement_are_pointed_at_where_nothing_can_be_learnt() -> None:
