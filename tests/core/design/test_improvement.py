@@ -12,9 +12,10 @@ import pytest
 
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import Record
-from fopid_core.design.improvement import LOST, MS_MAX, _is_beaten_by_a_lively_rule, _Trial, improve
+from fopid_core.design.improvement import LOST, _Trial, improve
 from fopid_core.design.loop_judge import RunningGains
 from fopid_core.design.loop_worth import loop_worth, noise_gain
+from fopid_core.design.promising import MS_MAX, is_beaten_by_a_lively_rule
 from fopid_core.design.robust_verification import RobustLimits, tune_robustly
 from fopid_core.design.specification import TuningRequest
 from fopid_core.model.fopid import Fopid
@@ -79,7 +80,7 @@ def test_where_the_record_forbids_all_designs_one_is_made_slower(
 
     monkeypatch.setattr("fopid_core.design.robust_verification.plausible_processes", delayed_or_not)
     for others in ("QUIETER", "RULES"):
-        monkeypatch.setattr(f"fopid_core.design.improvement.{others}", ())
+        monkeypatch.setattr(f"fopid_core.design.promising.{others}", ())
     found = improve(learnt, request(learnt), LIMITS, RunningGains(WEAK, noise=0.01, control_movement=0.05))
     assert found.success, found.message
     assert "times as fast as" in found.message
@@ -133,7 +134,7 @@ def test_only_a_rule_that_leaves_less_and_is_nearer_to_trouble_moves_the_bound_o
     def beaten(load: float, ms: float, *loads: float) -> bool:
         judge: Any = SimpleNamespace(textbook=SimpleNamespace(load=load, ms=ms))
         found: Any = [SimpleNamespace(worth=SimpleNamespace(load=each)) for each in loads]
-        return _is_beaten_by_a_lively_rule(judge, found)
+        return is_beaten_by_a_lively_rule(judge, found)
 
     assert beaten(1.0, MS_MAX + 0.3, 1.5, 1.1)
     assert not beaten(1.0, MS_MAX + 0.3, 1.5, 0.9), "one of them leaves less"
