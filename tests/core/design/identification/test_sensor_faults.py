@@ -116,13 +116,13 @@ def test_a_record_that_a_historian_has_thinned_out_is_named_where_it_is_refused(
         told = whole.measurement[np.array(kept)[np.searchsorted(kept, np.arange(COUNT), side="right") - 1]]
     else:
         told = np.interp(np.arange(COUNT), kept, whole.measurement[kept])
-    found = identify(replace(whole, measurement=told))
+    found = identify(replace(whole, measurement=told), "foptd")
     assert found.success == ("a historian that compresses" not in found.message)
     assert not found.success
 
 
 def test_a_sensor_that_was_dead_nearly_always_leaves_nothing_to_learn_from() -> None:
-    found = identify(loop(dead(45, COUNT)))
+    found = identify(loop(dead(45, COUNT)), "foptd")
     assert not found.success
     assert "stands still at" in found.message
 
