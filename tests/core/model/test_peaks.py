@@ -107,3 +107,31 @@ def test_what_is_not_decided_has_no_peak_and_says_why() -> None:
     assert stability(loop).reason == "too close to the border to call"
     neutral = Loop(Process.parse("1/(s+1)*exp(-s)"), Fopid(0.0, 0.0, 1.0, 1.0, 1.0))
     assert "gain at high frequency is 1" in stability(neutral).reason
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_delay_inside_the_process_hides_no_peak_however_fast_it_turns(seed: int) -> None:
+    """Beyond the last frequency of the grid |S| is within 1e-6 of its limit there, 1 or with a derivative less."""
+    rng, known = np.random.default_rng(seed), 0
+    for _ in range(20):
+        lag, order = float(10.0 ** rng.uniform(-2.0, 1.0)), float(rng.choice([0.7, 0.9, 1.0, 1.2]))
+        share, delay = float(rng.uniform(-0.9, 0.9)), float(lag * 10.0 ** rng.uniform(-2.0, 1.0))
+        gains = Fopid(*10.0 ** rng.uniform(-1.0, 1.0, 2) / (1.0, lag), kd=float(rng.choice([0.0, 0.1])) * lag)
+        loop = Loop(Process.parse(f"1/({lag!r}*s^{order}+1+({share!r})*exp(-{delay!r}*s))"), gains)
+        if not stability(loop).stable:
+            continue
+        s = 1j * np.geomspace(1e-4, 1e4, 200_001) / lag
+        process = 1.0 / (lag * s**order + 1.0 + share * np.exp(-delay * s))
+        sensitivity = np.abs(1.0 / (1.0 + process * (gains.kp + gains.ki / s + gains.kd * s)))
+        peak, limit = (
+            margins(loop).ms,
+            1.0 if order > 1.0 or not gains.kd else 1.0 / (1.0 + gains.kd / lag * (order == 1.0)),
+        )
+        assert sensitivity.max() * (1.0 - 1e-9) <= peak <= max(sensitivity.max(), limit) * (1.0 + 1e-3)
+        known += 1
+    assert known > 10
+
+
+def test_where_s_comes_to_its_largest_at_infinity_that_is_found() -> None:
+    found = LoopPeaks(Loop(Process.parse("1/(s+1+0.5*exp(-s))"), Fopid(1.0, 1.0))).sensitivity()
+    assert found.value == pytest.approx(1.0, abs=1e-8)

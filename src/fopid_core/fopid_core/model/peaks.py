@@ -3,20 +3,24 @@
 With z = ln w, the logarithm of the quotient's absolute value and its slope are known at any point, so between two
 points it is a cubic, to an accuracy that is seen when the interval is cut at the cubic's highest point. Intervals that
 cannot reach the highest value seen are left out, the others are cut again (branch and bound). Where a delay turns by
-more than the interval resolves, the bound is that of all delayed terms pulling together. Everything is computed with
-logarithms: no power of s overflows.
+more than the interval resolves, the bound is that of all delayed terms pulling together; or, where the quotient tends
+to a limit other than 0, that of its square's distance from the limit's, in which all that numerator and denominator
+have in common falls out: it shrinks with the square of the frequency. Everything is computed with logarithms: no power
+of s overflows.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from fopid_core.model.arrays import Booleans, Floats
 from fopid_core.model.asymptotics import leading_term
-from fopid_core.model.quasipolynomial import QuasiPolynomial
+from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 
 _EXACT = 1e-9  # of the logarithm of the peak
 _ROUNDING = 1e-12  # by which a value is not above a limit
@@ -25,6 +29,8 @@ _TAIL_POINTS = 48
 _RESOLVED = 0.5  # of a delay's phase in one interval [rad]
 _AT_ONCE = 4096
 _MOST_POINTS = 100_000
+_KNOWN = 1e-8  # to which the logarithm is known where so many points leave no more open
+_FALLS_OUT = 1e-13  # what is left of terms that fall out of each other, as a share of them
 _LARGEST_LOG = 700.0  # exp of it is a number
 _NARROWEST = 1e-14  # of an interval, relative
 
@@ -126,12 +132,58 @@ class _Curve:
     def __init__(self, numerator: QuasiPolynomial, denominator: QuasiPolynomial) -> None:
         self._over, self._under = _Sum(numerator), _Sum(denominator)
         self.delay = max(self._over.delay, self._under.delay)
+        leads = [[t for t in part.terms if t.order == part.degree] for part in (numerator, denominator)]
+        tends = numerator.degree == denominator.degree and [len(lead) for lead in leads] == [1, 1]
+        self._distance = _Distance(numerator, denominator, leads[0][0], leads[1][0]) if tends and self.delay else None
 
     def __call__(self, z: Floats) -> Floats:
         """Value, slope and bound at the points z, shape (3, m)."""
-        over, over_slope, most, _ = self._over(z)
+        over, over_slope, most, over_least = self._over(z)
         under, under_slope, _, least = self._under(z)
-        return np.stack([over - under, over_slope - under_slope, most - least])
+        bound = most - least
+        if self._distance is not None:
+            bound = np.minimum(bound, self._distance.bound(z, over_least))
+        return np.stack([over - under, over_slope - under_slope, bound])
+
+
+class _Distance:
+    """How far abs(numerator / denominator) may be above its limit g, whatever the delays make of it.
+
+    Its square is g^2 / (1 + Q / abs(numerator)^2) with Q = g^2 abs(denominator)^2 - abs(numerator)^2. Of Q's terms, one
+    for each pair of terms of either, those with the same difference of delays turn together.
+    """
+
+    def __init__(self, numerator: QuasiPolynomial, denominator: QuasiPolynomial, over: Term, under: Term) -> None:
+        limit = abs(over.coefficient / under.coefficient)
+        self._log_limit = math.log(limit)
+        parts = ((limit**2, denominator), (-1.0, numerator))
+        longest = max(t.delay for _, part in parts for t in part.terms) or 1.0
+        sums: dict[float, dict[float, list[complex]]] = {}
+        for weight, part in parts:
+            for one, other in product(part.terms, part.terms):
+                turns = round((one.delay - other.delay) / longest, 12)
+                if turns >= 0.0:  # of each two that turn against each other, one
+                    phase = cmath.exp(0.5j * math.pi * (one.order - other.order))
+                    size = weight * one.coefficient * other.coefficient * (2.0 if turns else 1.0) * phase
+                    sums.setdefault(turns, {}).setdefault(round(one.order + other.order, 12), []).append(size)
+        self._groups = [
+            (np.array(list(of_orders)), np.array([_sum_of(sizes) for sizes in of_orders.values()]))
+            for _, of_orders in sorted(sums.items())
+        ]  # that which does not turn comes first
+
+    def bound(self, z: Floats, least: Floats) -> Floats:
+        """Of the logarithm of the quotient at z = ln w, where that of the numerator is at least so large."""
+        steady, *turning = (
+            np.exp(orders * z[:, None] - 2.0 * least[:, None]) @ sizes for orders, sizes in self._groups
+        )
+        lowest = steady.real - sum(np.abs(each) for each in turning)
+        found = self._log_limit - 0.5 * np.log1p(lowest)
+        return np.asarray(np.where(lowest > -1.0, found, np.inf))
+
+
+def _sum_of(sizes: list[complex]) -> complex:
+    total = sum(sizes)
+    return total if abs(total) > _FALLS_OUT * sum(map(abs, sizes)) else 0.0
 
 
 class _Sum:
@@ -176,7 +228,9 @@ def _branch_and_bound(curve: _Curve, z: Floats, least: float) -> tuple[float, fl
         used = z.size
         while reach.size:
             if used > _MOST_POINTS:
-                return math.nan, math.nan
+                if not reach.max() <= best + _KNOWN:
+                    return math.nan, math.nan
+                break
             chosen = slice(None) if reach.size <= _AT_ONCE else np.argpartition(-reach, _AT_ONCE)[:_AT_ONCE]
             waiting = np.ones(reach.size, dtype=bool)
             waiting[chosen] = False

@@ -15,9 +15,10 @@ import pytest
 
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
+from fopid_core.model.margins import margins
 from fopid_core.model.process import Process
 from fopid_core.study.reports.limit_figures import limit_history, limit_lines, limits_text, saturation_curve
-from fopid_core.study.reports.loop_figures import ISO_GAINS, loop_figures
+from fopid_core.study.reports.loop_figures import ISO_GAINS, loop_figures, nyquist_figure
 from fopid_core.study.reports.run import ParameterChange, Phase, Run, Signal
 from fopid_core.study.reports.signal_figures import comparison_figure, signals_figure
 from fopid_core.study.reports.step_figures import step_figures
@@ -45,6 +46,13 @@ def test_bode_is_the_frequency_response(figures) -> None:
     # frequencies are kept to six digits, and |L| falls by 60 dB a decade: 60 log10(1 + 5e-6) = 1.3e-4 dB
     assert np.allclose(magnitude, 20.0 * np.log10(np.abs(exact)), rtol=2e-5, atol=2e-4)
     assert np.allclose(phase, np.degrees(np.unwrap(np.angle(exact))), rtol=2e-5, atol=2e-4)
+
+
+def test_a_loop_whose_largest_sensitivity_is_not_known_is_drawn_without_it() -> None:
+    w = np.geomspace(0.01, 100.0, 50)
+    found = nyquist_figure(LOOP, replace(margins(LOOP), ms=math.nan), w)
+    assert len(found["layout"]["shapes"]) == 1
+    assert found["layout"]["annotations"] == []
 
 
 def test_the_margins_are_marked_where_they_are(figures) -> None:

@@ -121,15 +121,16 @@ def _peak_notes(found: Margins, w: Floats) -> list[Figure]:
 
 
 def nyquist_figure(loop: Loop, found: Margins, w: Floats) -> Figure:
-    """L(jw) near -1, and the circle around -1 that it touches."""
+    """L(jw) near -1, and the circle around -1 that it touches, where that is known."""
     response = loop(1j * w)
     near, radius = response[np.abs(response) < 10.0], 1.0 / found.ms
+    touched = math.isfinite(radius)  # else max |S| is not known
     critical = line([-1.0], [0.0], "−1", RED, mode="markers", marker={"size": 7, "color": RED}, hoverinfo="skip")
     layout = {
         "xaxis": {"title": {"text": "Re L"}, "range": [-2.3, 1.3]},
         "yaxis": {"title": {"text": "Im L"}, "range": [-2.3, 1.3], "scaleanchor": "x"},
-        "shapes": [_circle(-1.0, radius, RED, "solid"), _circle(0.0, 1.0, GREY, "dot")],
-        "annotations": [note(-1.0, 0.0, f"1/Ms = {radius:.2f}", xanchor="center", xshift=0, yshift=6)],
+        "shapes": [_circle(-1.0, radius, RED, "solid")] * touched + [_circle(0.0, 1.0, GREY, "dot")],
+        "annotations": [note(-1.0, 0.0, f"1/Ms = {radius:.2f}", xanchor="center", xshift=0, yshift=6)] * touched,
         "hovermode": "closest",
     }
     curve = line(near.real, near.imag, "L(jω)", BLUE, hovertemplate="%{x:.4g} %{y:+.4g} j")
