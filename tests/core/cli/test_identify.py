@@ -138,7 +138,7 @@ def test_numbers_that_tell_a_date_are_in_its_unit(first: str, step: float, secon
         ("", "allowed: a first line with time, control, measurement"),
         ("time,u,y\n0,0,0\n", "columns time, u, y of"),
         ("time,control,measurement\n0,0,0\n1,x,0\n", "control = 'x' in data row 2; allowed: a number"),
-        ("time [day],control,measurement\n0,0,0\n", "time in day; allowed: s, sec, seconds, ms"),
+        ("time [week],control,measurement\n0,0,0\n", "time in week; allowed: s, sec, secs, second"),
         ("time,control,measurement\nnoon,0,0\n", "time = 'noon' in data row 1; allowed: seconds, or a time as 2026"),
         ("time,control,control,measurement\n0,0,0,0\n", "allowed: control once"),
         ("time,control,measurement\n0,5,0,1,2\n", "5 cells in data row 1; allowed: one for each of 3 columns"),

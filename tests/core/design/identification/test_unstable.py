@@ -11,6 +11,7 @@ from fopid_core.design.identification.drift import drift
 from fopid_core.design.identification.fit import fit
 from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record, validation_samples
+from fopid_core.design.identification.refusal import refusal_of
 from fopid_core.design.identification.response import InitialCondition
 from fopid_core.design.identification.runaway import RunawayResponse, evenly
 from fopid_core.design.identification.structure import structure_of
@@ -188,3 +189,12 @@ def test_a_loop_that_goes_on_as_learnt_has_not_drifted_and_another_process_has()
     bits = prbs(SAMPLES, 40, 7)
     control, measured = run(replace(process, numerator=[1.6]), gains, H, np.zeros(SAMPLES), bits, errors)
     assert drift(known, Record(H * np.arange(SAMPLES), control, measured)).drifted
+
+
+def test_one_that_explains_two_thirds_is_believed_where_the_setpoint_is_told_only() -> None:
+    """Control and measurement exchanged had passed for one, at 69 %, and the gains had the wrong sign."""
+    told = record("1/(s-1)", moved="setpoint")
+    best = replace(identify(told, "unstable:1", noise=0.01).best, fit_pct=69.0)
+    assert refusal_of(told, best, 0.01) == ""
+    without = refusal_of(replace(told, setpoint=None), best, 0.01)
+    assert without.endswith("record the setpoint, too; are control and measurement exchanged?")

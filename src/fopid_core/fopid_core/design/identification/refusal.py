@@ -93,16 +93,8 @@ def _why_not(record: Record, best: IdentifiedModel, noise: float) -> str:
     known_rest = best.noise <= NOISES * noise or missed < MISSED_IN_NOISE
     if explains_little(best) and (not known_rest or best.fit_pct < LEAST_FIT_IN_NOISE):
         return f"the control explains only {max(best.fit_pct, 0.0):.0f} % of the measurement: {_advice(record)}"
-    if not process_stability(best.process).stable:
-        left = grows(record)
-        if not best.structure.runs_away or left:
-            held = record.setpoint is not None and np.ptp(record.setpoint) > 0.0 and not left
-            return f"the model that fits best is unstable: {_LARGER if held else _STABILISE}"
-        if not _is_unstable_for_sure(best, noise):
-            return (
-                "the loop may hold a process that runs away, but what disturbs it hides how fast: "
-                f"{_LARGER}, and without disturbances"
-            )
+    if not process_stability(best.process).stable and (unstable := _why_not_unstable(record, best, noise)):
+        return unstable
     runs_away = f"; if it runs away, {_STABILISE}" if grows(record) else ""
     needed = SHORTEST / best.crossover
     longer = max(needed, MUCH_LONGER * record.span)  # of a record that is too short little is known
@@ -117,6 +109,24 @@ def _why_not(record: Record, best: IdentifiedModel, noise: float) -> str:
         return (
             f"too little information: the process is uncertain by {100.0 * best.deviation:.0f} % where a controller "
             f"would work; record longer, with larger moves of the control, or with a PRBS experiment{runs_away}"
+        )
+    return ""
+
+
+def _why_not_unstable(record: Record, best: IdentifiedModel, noise: float) -> str:
+    left = grows(record)
+    if not best.structure.runs_away or left:
+        held = record.setpoint is not None and np.ptp(record.setpoint) > 0.0 and not left
+        return f"the model that fits best is unstable: {_LARGER if held else _STABILISE}"
+    if record.setpoint is None and record.excitation is None and best.fit_pct < LEAST_FIT:
+        return (
+            f"a process that runs away would explain {best.fit_pct:.0f} % of the measurement, as others may where "
+            "nobody tells what moved the loop: record the setpoint, too; are control and measurement exchanged?"
+        )
+    if not _is_unstable_for_sure(best, noise):
+        return (
+            "the loop may hold a process that runs away, but what disturbs it hides how fast: "
+            f"{_LARGER}, and without disturbances"
         )
     return ""
 
