@@ -87,12 +87,38 @@ class Text(Lag):
         return f"{u * dt}"
 
 
+class OnTheInstance:
+    def __init__(self) -> None:
+        self.step = lambda u, dt: u + dt
+
+
+class Odd(Lag):
+    """Gives what only looks like a number."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.made = iter((Tensor(), 10**400, np.ma.masked, list(range(100_000)), Unspeakable()))
+
+    def step(self, *_: float) -> object:  # type: ignore[override]
+        return next(self.made)
+
+
+class Tensor:
+    def __array__(self, *_: object, **__: object) -> np.ndarray:
+        raise RuntimeError("it wants its gradient")
+
+
+class Unspeakable:
+    def __repr__(self) -> str:
+        raise RuntimeError("no words")
+
+
 @pytest.fixture(autouse=True)
 def models(monkeypatch: pytest.MonkeyPatch) -> None:
     module = ModuleType("somebodys")
-    for found in (Lag, *Lag.__subclasses__(), Broken):
+    for found in (Lag, *Lag.__subclasses__(), Broken, OnTheInstance):
         setattr(module, found.__name__, found)
-    module.nothing = 3  # type: ignore[attr-defined]
+    module.nothing, module.stepless, module.made = 3, object, lambda: Lag()  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "somebodys", module)
 
 
@@ -119,7 +145,8 @@ def test_its_noise_is_that_of_the_seed() -> None:
         ("somebodys:Gone", "has no attribute 'Gone'"),
         ("somebodys", "allowed: package.module:Class"),
         (":Lag", "allowed: package.module:Class"),
-        ("somebodys:nothing", "has no step"),
+        ("somebodys:nothing", "is no class"),
+        ("somebodys:stepless", "has no step"),
         ("somebodys:NeedsMore", "missing 1 required positional argument"),
         ("somebodys:Unlicensed", "the class: RuntimeError: licence not found; allowed: package.module:Class"),
         ("somebodys:NoSensor", "measurement: RuntimeError: sensor off; allowed"),
@@ -152,6 +179,19 @@ def test_a_step_that_gives_no_number_is_named(name: str, u: float, named: str) -
     plant = ModelPlant(f"somebodys:{name}", SETTINGS)
     with pytest.raises(InputError, match=named):
         plant.step(u)
+
+
+def test_whatever_makes_a_model_will_do() -> None:
+    assert ModelPlant("somebodys:OnTheInstance", SETTINGS).step(2.0) == 2.1
+    assert ModelPlant("somebodys:made", SETTINGS).step(1.0) == pytest.approx(-math.expm1(-0.1))
+
+
+def test_what_only_looks_like_a_number_is_none_and_told_in_short() -> None:
+    plant = ModelPlant("somebodys:Odd", SETTINGS)
+    for _ in range(5):
+        with pytest.raises(InputError, match="allowed: a finite number") as told:
+            plant.step(1.0)
+        assert len(str(told.value)) < 250
 
 
 @pytest.mark.ros

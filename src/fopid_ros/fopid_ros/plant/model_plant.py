@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import math
+import reprlib
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +15,8 @@ from fopid_core.errors import InputError
 from fopid_core.runtime.plant import PlantSettings
 
 ALLOWED = "package.module:Class of a class without arguments, with step(u, dt) that returns the output after dt [s]"
+_BRIEFLY = reprlib.Repr()
+_BRIEFLY.maxother = _BRIEFLY.maxstring = 80
 
 
 class ModelPlant:
@@ -42,6 +45,8 @@ class ModelPlant:
     def reset(self) -> None:
         """A new model; the noise starts anew."""
         self._model = self._asked("the class", self._make)
+        if not callable(self._asked("step", lambda: getattr(self._model, "step", None))):
+            raise InputError(f"model = {self._name!r} has no step(u, dt); allowed: {ALLOWED}")
         try:
             inspect.signature(self._model.step).bind(0.0, self._settings.sample_time)
         except TypeError as error:
@@ -77,17 +82,26 @@ class ModelPlant:
     def _keep(self, output: Any) -> None:
         value = _number(output)
         if not math.isfinite(value):
-            raise InputError(f"model = {self._name!r} gave {output!r}; allowed: a finite number")
+            raise InputError(f"model = {self._name!r} gave {_shown(output)}; allowed: a finite number")
         self.output, noise = value, self._settings.noise_std
         self.measurement = self.output + (noise * float(self._noise.standard_normal()) if noise else 0.0)
 
 
 def _number(value: Any) -> float:
-    """A number, or an array of one; NaN for anything else."""
+    """A number, or an array of one; NaN for anything else, whatever goes wrong in it."""
     try:
-        return math.nan if isinstance(value, str | bytes) else float(np.asarray(value, dtype=float).item())
-    except (TypeError, ValueError):
+        if isinstance(value, str | bytes) or np.ma.is_masked(value):
+            return math.nan
+        return float(np.asarray(value, dtype=float).item())
+    except Exception:  # a tensor that wants its gradient, an integer beyond all numbers  # noqa: BLE001
         return math.nan
+
+
+def _shown(value: Any) -> str:
+    try:
+        return _BRIEFLY.repr(value)
+    except Exception:  # noqa: BLE001  (somebody else's code)
+        return f"a {type(value).__name__}"
 
 
 def _told(error: BaseException) -> str:
@@ -95,7 +109,7 @@ def _told(error: BaseException) -> str:
 
 
 def model_class(name: str) -> Any:
-    """The class of that name.
+    """The class of that name, or whatever else makes a model.
 
     Examples
     --------
@@ -107,6 +121,6 @@ def model_class(name: str) -> Any:
         found = getattr(importlib.import_module(module), attribute)
     except (Exception, SystemExit) as error:  # a module runs whatever it likes
         raise InputError(f"model = {name!r}: {_told(error)}; allowed: {ALLOWED}") from error
-    if not callable(getattr(found, "step", None)):
-        raise InputError(f"model = {name!r} has no step(u, dt); allowed: {ALLOWED}")
+    if not callable(found):
+        raise InputError(f"model = {name!r} is no class; allowed: {ALLOWED}")
     return found

@@ -210,7 +210,8 @@ class PlantSimulator(ManagedNode):
         self._standing = self._standing + 1 if self._sample == self._sample_before else 0
         self._sample_before = self._sample
         if self._standing * RESEND_AFTER > STANDING_TIME:
-            self._advances.answer(self.time, -math.inf, f"the loop stands at {self.time:g} s: is there a controller?")
+            why = self._failure or "is there a controller?"
+            self._advances.answer(self.time, -math.inf, f"the loop stands at {self.time:g} s: {why}")
 
     def _step_lockstep(self, stamp_ns: int | None) -> None:
         current = self._sample * self._period_ns
