@@ -10,7 +10,7 @@ from fopid_core.errors import InputError
 from fopid_core.model.evaluation import default_horizon, evaluate
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
-from fopid_core.model.process import read_process
+from fopid_core.model.process import Process, read_process
 from fopid_core.model.response import step_response
 
 
@@ -59,3 +59,9 @@ def test_on_the_default_horizon_the_loop_settles(text: str, gains: tuple[float, 
 def test_an_unknown_method_is_refused() -> None:
     with pytest.raises(InputError, match="method = 'rk4'; allowed: exact, gl1"):
         evaluate(Loop(read_process("P1"), Fopid(1.0)), method="rk4")  # type: ignore[arg-type]
+
+
+def test_a_horizon_that_nobody_asked_for_is_shorter_where_the_response_takes_too_much() -> None:
+    judged = evaluate(Loop(Process.parse("1/(s+1)*exp(-100s)"), Fopid(0.2, 0.005, lam=0.9)))
+    assert judged.step is not None, judged.step_reason
+    assert judged.horizon == 4000.0

@@ -352,3 +352,11 @@ def test_the_verdict_does_not_depend_on_the_unit_of_time(scale: float) -> None:
         assert verdict.decided
         assert verdict.stable is stable
         assert verdict.unstable_poles == (0 if stable else 2)
+
+
+@pytest.mark.parametrize("text", ["(1-exp(-2s))/(2s)", "(1-exp(-2s))/(2s(s+1))"])
+def test_a_moving_average_has_no_pole_at_the_origin_and_is_not_decided(text: str) -> None:
+    process = Process.parse(text)
+    for verdict in (process_stability(process), stability(Loop(process, Fopid(0.5, 0.3)))):
+        assert not verdict.decided
+        assert verdict.reason.endswith("both vanish at s = 0")

@@ -10,6 +10,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -198,11 +199,12 @@ def step_verb(
 ) -> None:  # fmt: skip
     """The response to a unit step of the setpoint or the load."""
     from fopid_core.cli.plots import plot_response
-    from fopid_core.model.evaluation import default_horizon
+    from fopid_core.model.evaluation import on_default_horizon
     from fopid_core.model.response import step_response
 
     loop = read_loop(process, **controller)
-    response = step_response(loop, default_horizon(loop) if horizon is None else horizon, source, points)
+    respond = partial(step_response, source=source, points=points)
+    response = on_default_horizon(loop, respond) if horizon is None else respond(loop, horizon)
     if plot:
         plot_response(response, f"{loop.controller} on {loop.process}, {source} step", plot)
     data = asdict(response) | {"plot": str(plot) if plot else None}

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -38,6 +40,7 @@ _MOVED = 0.3  # the process's own frequency is where it has left its steady stat
 _LONGEST = 100.0  # times its own the process is slow at most: a power of s near 0 never settles
 _SLOW_TIMES = 5.0
 _DELAYS = 10.0
+_SHARES = (1.0, 0.4, 0.2, 0.1)  # of the horizon, which are tried where the response takes too much
 
 
 @dataclass(frozen=True)
@@ -141,18 +144,29 @@ def evaluate(
     """
     if method not in ("exact", "gl1"):
         raise InputError(f"method = {method!r}; allowed: exact, gl1")
-    horizon = default_horizon(loop) if horizon is None else horizon
+    respond = step_response if method == "exact" else partial(gl1_response, step=sample_time)
     verdict = stability(loop)
     measures, reason = None, "" if verdict.stable else verdict.reason
     if verdict.stable:
         try:
-            exact = method == "exact"
-            response = step_response(loop, horizon) if exact else gl1_response(loop, horizon, sample_time)
-            measures = StepMeasures.of(response)
+            response = respond(loop, horizon) if horizon is not None else on_default_horizon(loop, respond)
+            measures, horizon = StepMeasures.of(response), horizon or float(response.time[-1])
         except UnknownResponseError as unknown:
             reason = str(unknown)
     final = _steady_state_error(loop) if verdict.stable else math.nan
+    horizon = default_horizon(loop) if horizon is None else horizon
     return Evaluation(verdict, margins(loop), horizon, measures, final, reason)
+
+
+def on_default_horizon(loop: Loop, respond: Callable[[Loop, float], Response]) -> Response:
+    """A response up to ``default_horizon``, or to a part of that up to which it can be had."""
+    whole = default_horizon(loop)
+    for share in _SHARES[:-1]:
+        try:
+            return respond(loop, share * whole)
+        except UnknownResponseError:
+            continue
+    return respond(loop, _SHARES[-1] * whole)
 
 
 def default_horizon(loop: Loop) -> float:

@@ -61,7 +61,7 @@ class LoopPeaks:
 
     def _sought(self, numerator: QuasiPolynomial, band: Band) -> Peak:
         known = numerator.is_zero or self.closed.decided[0] or math.inf in limits(numerator, self.loop.characteristic)
-        if not known:
+        if not known or self.loop.process.cancels_at_origin:
             return Peak(math.nan, math.nan)
         return highest(numerator, self.loop.characteristic, self.log_frequency, band)
 

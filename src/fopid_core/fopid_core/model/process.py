@@ -142,6 +142,12 @@ class Process:
         return self.numerator.has_integer_orders and self.denominator.has_integer_orders
 
     @property
+    def cancels_at_origin(self) -> bool:
+        """Whether delayed terms cancel at s = 0 above and below, as in a moving average: (1 - exp(-Ts)) / (Ts)."""
+        over, under = self.numerator, self.denominator
+        return over.lowest_order == 0.0 == over.sum_of_order(0.0) == under.sum_of_order(0.0)
+
+    @property
     def steady_state_gain(self) -> float:
         """P(0): infinite for an integrating process."""
         if self.integrating_order > 0:

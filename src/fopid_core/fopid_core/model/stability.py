@@ -61,7 +61,7 @@ def stability(loop: Loop) -> Stability:
     >>> stability(Loop(Process.parse("1/(s+1)^3"), Fopid(kp=9.0))).unstable_poles
     2
     """
-    return _verdict(loop.characteristic)
+    return _ZERO_AT_ORIGIN if loop.process.cancels_at_origin else _verdict(loop.characteristic)
 
 
 def process_stability(process: Process) -> Stability:
@@ -72,7 +72,12 @@ def process_stability(process: Process) -> Stability:
     >>> process_stability(Process.parse("1/(s+1)^3")).stable, process_stability(Process.parse("1/s")).stable
     (True, False)
     """
-    return _verdict(process.denominator)
+    return _ZERO_AT_ORIGIN if process.cancels_at_origin else _verdict(process.denominator)
+
+
+_ZERO_AT_ORIGIN = Stability(
+    False, -1, False, 0.0, "not decided: numerator and denominator of the process both vanish at s = 0"
+)
 
 
 def _verdict(characteristic: QuasiPolynomial) -> Stability:
