@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, tf2ss
 
+from fopid_core.design.identification import refusal
 from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.recorded_tuning import tune_recorded
 from fopid_core.design.sampled_loop import running
+from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import read_process
+from fopid_core.runtime.controller import ControllerSettings, FopidController
+from fopid_core.runtime.simulation import simulate
 from fopid_core.study.records import read_record
+
+from .identification.recorded import plant
 
 DAYS = Path(__file__).with_name("days")
 
@@ -84,3 +90,18 @@ def test_what_a_simple_model_leaves_of_a_loop_without_noise_is_no_load(moves: st
     record, _ = day(1, 0.0, moves, noisy=0.0)
     found = identify(record, template)
     assert found.success, found.message
+
+
+@pytest.mark.parametrize(("most", "said"), [(2.0, "the control was at 2 for"), (50.0, "larger moves of the setpoint")])
+def test_a_control_at_its_limit_is_named_where_the_setpoints_answer_is_missed(
+    most: float, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("REMEMBERS", "MOST_MISSED"):  # as if it were
+        monkeypatch.setattr(refusal, name, -1.0)
+    controller = FopidController(ControllerSettings(Fopid(3.0, 1.0), sample_time=0.1, control_max=most))
+    held = plant("1/((s+1)(0.2s+1))", 0.1, 0.01)
+    trace = simulate(controller, held, 400, lambda k: (0.0, 1.5, 0.3, 1.8)[k // 100], lambda _: 0.0)
+    record = Record(trace.time, trace.control, trace.measurement, trace.setpoint)
+    best = identify(record, "soptd").best
+    assert best is not None
+    assert said in refusal.refusal_beside_the_setpoint(record, best)

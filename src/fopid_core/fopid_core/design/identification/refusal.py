@@ -15,6 +15,8 @@ from fopid_core.model.stability import process_stability
 
 LARGEST = 1e100
 """Of the signals: squares of larger ones are no numbers any more."""
+OFTEN = 0.05
+"""A control that is at one value for such a share of the record is at a limit."""
 LEAST_FIT = 80.0
 """Below this fit [%] the control explains too little of the measurement, unless the rest is white noise."""
 NOISES, MISSED_IN_NOISE, LEAST_FIT_IN_NOISE = 1.5, 0.1, 50.0
@@ -149,10 +151,13 @@ def refusal_beside_the_setpoint(record: Record, best: IdentifiedModel) -> str:
     if missed <= MOST_MISSED:
         return ""
     much = "drowns in that" if missed == math.inf else f"is missed by {min(100.0 * missed, 100.0):.0f} %"
-    return (
-        f"what the model leaves is no noise, and what the setpoint has moved {much}: record without disturbances, "
-        "larger moves of the setpoint, or more of them"
-    )
+    told = f"what the model leaves is no noise, and what the setpoint has moved {much}"
+    limit = max(record.control.min(), record.control.max(), key=lambda end: np.count_nonzero(record.control == end))
+    share = np.mean(record.control == limit)
+    if share > OFTEN:
+        often = f"the control was at {limit:.4g} for {100.0 * share:.0f} % of the record, where a loop is not linear"
+        return f"{told}; {often}: record moves in which it stays off its limits"
+    return f"{told}: record without disturbances, larger moves of the setpoint, or more of them"
 
 
 def _is_unstable_for_sure(best: IdentifiedModel, noise: float) -> bool:
