@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 @as_json
 def simulate_verb(file: Path | None, replay: Path | None, out: Path | None, as_json: bool) -> None:
     """Run an experiment without ROS: the numbers that the nodes give in lockstep."""
+    from fopid_core.runtime.plant import TOLD_FROM
     from fopid_core.study.experiments.simulate import simulate_experiment
     from fopid_core.study.reports.segment_table import print_segments
     from fopid_core.study.reports.segments import segments
@@ -38,6 +39,8 @@ def simulate_verb(file: Path | None, replay: Path | None, out: Path | None, as_j
     measured = segments(found.as_run(out or Path(experiment.name)))
     data: dict[str, Any] = {"name": experiment.name, "process": experiment.process, "samples": found.trace.time.size,
                             "plant_accuracy": found.plant_accuracy}  # fmt: skip
+    if found.plant_accuracy > TOLD_FROM:
+        data["plant_delay"] = "Pade's; plant: {delay_model: exact} in the experiment is exact"
     if recorded is not None:
         data["largest_difference"] = _difference(found, recorded)
     written = _write(found, out) if out else {}

@@ -17,6 +17,8 @@ from fopid_core.model.process import Process
 DelayModel = Literal["pade", "exact"]
 Matrix = NDArray[np.float64]
 
+TOLD_FROM = 1e-4
+"""An accuracy of a plant, beside a step's response, from which on it is told."""
 MAX_DELAY_SAMPLES = 10_000_000
 _DELAYS_SEEN, _MOST_SEEN = 4.0, 4000
 """For so many delays, in so many samples at most, what Pade's differs by from a true one is looked at."""

@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 from fopid_core.errors import InputError
 from fopid_core.model.process import read_process
 from fopid_core.runtime.convolved_plant import AnyPlant, ConvolvedPlant, plant_of
-from fopid_core.runtime.plant import PlantSettings
+from fopid_core.runtime.plant import TOLD_FROM, PlantSettings
 from fopid_msgs.srv import Advance
 from fopid_ros.common.background import Later
 from fopid_ros.common.managed_node import TIMING, ManagedNode, loop_qos, run, take_pending_messages
@@ -55,8 +55,6 @@ SPECS = (
 STANDING_TIME = 5.0  # wall time [s] without a sample after which who waits for one is told so
 
 RESEND_AFTER = 0.2  # wall time [s] without an answer in lockstep after which the measurement is sent again
-
-TOLD_FROM = 1e-4  # of a step's response: an error that is told
 
 FAILURE_PERIOD = 10.0  # one line about a plant that fails, or is too slow, in so much time [s]
 CLOCK_PERIOD = 0.01  # wall time [s] between two /clock messages while lockstep runs; at every stop there is one
