@@ -13,6 +13,8 @@ from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.noise import sensor_noise
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.sensor_faults import sound
+from fopid_core.errors import InputError
+from fopid_core.study.replay import replay
 
 TICK, GAIN, LAG, DELAY, NOISE, COUNT = 0.5, 2.0, 20.0, 4.0, 0.05, 2400
 Fault = Callable[[int, float, float], float]
@@ -38,7 +40,7 @@ FAULTS: dict[str, Fault] = {
 }
 
 
-def loop(fault: Fault = lambda _, value, __: value, seed: int = 0) -> Record:
+def loop(fault: Fault = lambda _, value, __: value, seed: int = 0, load_at: int = COUNT) -> Record:
     """A lag with delay, exactly, held by a PI controller that believes what its sensor tells it."""
     chance, late, kept = np.random.default_rng(seed), round(DELAY / TICK), np.exp(-TICK / LAG)
     control, told, setpoint = np.full(COUNT, 30.0), np.full(COUNT, 60.0), np.full(COUNT, 60.0)
@@ -48,7 +50,8 @@ def loop(fault: Fault = lambda _, value, __: value, seed: int = 0) -> Record:
         told[k] = fault(k, true + NOISE * chance.standard_normal(), told[k - 1])
         integral += 0.03 * (setpoint[k] - told[k]) * TICK
         control[k] = integral + 0.6 * (setpoint[k] - told[k])
-        true = kept * true + GAIN * (1.0 - kept) * (control[k - late] if k >= late else 30.0)
+        acts = (control[k - late] if k >= late else 30.0) + 2.0 * (k >= load_at)
+        true = kept * true + GAIN * (1.0 - kept) * acts
     return Record(TICK * np.arange(COUNT), control, told, setpoint)
 
 
@@ -89,6 +92,16 @@ def test_a_hole_in_the_record_while_the_control_moved_ends_a_stretch() -> None:
     assert "of 2329 samples the 1210 from 0 s to 604.5 s, a stretch without a break, were used" in message
 
 
+def test_a_load_in_a_later_stretch_is_told_by_the_time_of_the_record() -> None:
+    whole = loop(load_at=1450)
+    kept = (whole.time < 95.0) | (whole.time > 130.0)
+    signals = (whole.control[kept], whole.measurement[kept], whole.setpoint[kept])  # type: ignore[index]
+    best = identify(Record(whole.time[kept], *signals), "foptd").best
+    assert best is not None
+    assert best.loads == pytest.approx([725.0], abs=10.0)
+    assert best.simulated[0][0] == pytest.approx(130.5)
+
+
 def test_a_hole_while_the_loop_rested_ends_none() -> None:
     whole = loop()
     kept = (whole.time < 310.0) | (whole.time > 340.0)
@@ -103,6 +116,16 @@ def test_the_longest_stretch_is_not_always_the_one_that_tells_something() -> Non
     rests.measurement[1400:] = 63.0 + NOISE * np.random.default_rng(1).standard_normal(1000)
     rests.control[1400:] = 31.5
     assert "from 0 s to 595 s, a stretch without a break" in learnt(rests)
+
+
+def test_a_day_with_a_dead_sensor_or_a_break_is_not_lived_again() -> None:
+    whole = loop()
+    kept = (whole.time < 605.0) | (whole.time > 640.0)
+    signals = (whole.control[kept], whole.measurement[kept], whole.setpoint[kept])  # type: ignore[index]
+    with pytest.raises(InputError, match=r"no samples from 604.5 s to 640.5 s; allowed: a stretch without a break"):
+        replay(Record(whole.time[kept], *signals))
+    with pytest.raises(InputError, match=r"is the sensor dead.* allowed: a stretch without \(--from, --to\)"):
+        replay(loop(FAULTS["a sensor dead for a while"]))
 
 
 @pytest.mark.parametrize("tells", ["by exception", "on straight lines"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,8 @@ from fopid_core.model.process import read_process
 from fopid_core.model.stability import stability
 from fopid_msgs.msg import ScalarStamped, TuningResult
 from fopid_ros.common.managed_node import latched_qos
-from fopid_ros.tuner.learning.adaptation import sensor_of
+from fopid_ros.tuner.learning import adaptation
+from fopid_ros.tuner.learning.adaptation import Adaptation, sensor_of
 
 from ...conftest import SETTLE
 from ..test_autotune import ForeignLoop
@@ -105,3 +107,15 @@ def test_a_tuner_that_may_only_propose_leaves_the_gains_alone(working: Any) -> N
     assert not told.applied
     assert told.gains.kp < QUICK["kp"]
     assert loop.gains()[:3] == list(QUICK.values())
+
+
+def test_a_dead_sensor_is_no_process_that_has_drifted(monkeypatch: pytest.MonkeyPatch) -> None:
+    time, noise = 0.1 * np.arange(400.0), 0.01 * np.random.default_rng(0).standard_normal(400)
+    measured = np.sin(time) + noise
+    measured[200:] = measured[199]
+    monkeypatch.setattr(adaptation, "read_running_controller", lambda _: SimpleNamespace(gains=None))
+    looks = Adaptation(SimpleNamespace(check_that_it_is_one_loop=lambda: None), None)  # type: ignore[arg-type]
+    monkeypatch.setattr(looks, "_record_when_due", lambda _: Record(time, np.cos(time), measured))
+    assert looks.update(10.0, apply=True, criteria=None, wait=None) is None  # type: ignore[arg-type]
+    assert looks.message.endswith("is the sensor dead, or at the end of its range?")
+    assert looks.model is None
