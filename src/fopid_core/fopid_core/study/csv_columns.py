@@ -66,7 +66,7 @@ def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
     path : Path
     columns : str, optional
         ``PV,OP[,SP[,TIME]]``: the names in the header, or the numbers from 1 on, of measurement, control, setpoint and
-        time. Time is the column of that name, or the first.
+        time. Time is the column of that name, the first with moments, or the first.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def read_csv_signals(path: Path, columns: str | None = None) -> CsvSignals:
     values["time"] = times(cells["time"], header[places["time"]] if headed else "time", notation)
     if not headed and columns is None:
         _refuse_the_other_order(values)
-    return _whole_rows(values)
+    return _whole_rows(_oldest_first(values))
 
 
 def _refuse_the_other_order(values: dict[str, Floats]) -> None:
@@ -107,30 +107,30 @@ def _refuse_the_other_order(values: dict[str, Floats]) -> None:
         raise InputError(f"{told}; allowed: --columns 2,3,4,1, or a header with {', '.join((*NEEDED, *OPTIONAL))}")
 
 
-def _whole_rows(values: dict[str, Floats]) -> CsvSignals:
-    """The rows that say all, the oldest first, each once."""
-    rows = values["time"].size
-    order = np.arange(rows)
+def _oldest_first(values: dict[str, Floats]) -> dict[str, Floats]:
+    """The rows in the order of their times, where the newest came first."""
     moves = np.diff(values["time"][np.isfinite(values["time"])])
-    if moves.size and (moves <= 0.0).all() and (moves < 0.0).any():
-        order = order[::-1]
-    values = {name: column[order] for name, column in values.items()}
+    if not (moves.size and (moves <= 0.0).all() and (moves < 0.0).any()):
+        return values
+    turned = {name: column[::-1] for name, column in values.items()}
+    least = np.nanmin(turned["time"])
+    return turned | {"time": turned["time"] - min(least, 0.0)}
+
+
+def _whole_rows(values: dict[str, Floats]) -> CsvSignals:
+    """The rows that say all, each once."""
     measured = np.isfinite(values["time"]) & np.isfinite(values["measurement"])
     held = ["setpoint"] if "setpoint" in values else []
     if np.isfinite(values["control"][measured]).sum() < _MERGED * measured.sum():
         held.append("control")
-    values |= {name: _held(values[name]) for name in held}
+    values = values | {name: _held(values[name]) for name in held}
     whole = np.logical_and.reduce([np.isfinite(column) for column in values.values()])
+    if whole.size and not whole.any():
+        given = f"{whole.size} rows, none of which has a value of {', '.join(values)}"
+        raise InputError(f"{given}; allowed: rows with all of them")
     table = np.stack([column[whole] for column in values.values()])
     whole[np.flatnonzero(whole)[1:][(np.diff(table) == 0.0).all(axis=0)]] = False
-    if rows and not whole.any():
-        raise InputError(
-            f"{rows} rows, none of which has a value of {', '.join(values)}; allowed: rows with all of them"
-        )
-    found = {name: column[whole] for name, column in values.items()}
-    if order[:1].any() and found["time"][0] < 0.0:
-        found["time"] = found["time"] - found["time"][0]
-    return CsvSignals(found, int((~whole).sum()))
+    return CsvSignals({name: column[whole] for name, column in values.items()}, int((~whole).sum()))
 
 
 def _held(values: Floats) -> Floats:
