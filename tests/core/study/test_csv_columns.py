@@ -85,6 +85,11 @@ def test_it_is_the_same_however_it_was_written(written: str, tmp_path: Path) -> 
     assert np.allclose(found["setpoint"], SETPOINT)
 
 
+def test_a_limit_is_no_control_in_minutes(tmp_path: Path) -> None:
+    found = read(lines(lambda k: f"{SECONDS(k)},10", "time,op,pv,sp,op_min"), tmp_path / "record.csv")
+    assert np.allclose(found["control"], CONTROL)
+
+
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "cp1252"])
 def test_in_any_encoding(encoding: str, tmp_path: Path) -> None:
     content = lines(SECONDS, "Zeit [s],Stellgröße [%],Istwert [°C],Sollwert [°C]")

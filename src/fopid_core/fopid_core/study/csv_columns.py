@@ -255,10 +255,8 @@ def _split(name: str) -> tuple[str, str]:
 def _plain(name: str) -> str:
     plain = _split(name)[0].lower().removesuffix("%").rstrip()
     unit = unit_of(name)
-    if unit and plain.endswith(unit):  # time in min, time_min
-        plain = plain.removesuffix(unit).rstrip(" _/").removesuffix(" in")
-        return SYNONYMS.get(plain, "time" if plain in ("time", "elapsed") else _split(name)[0].lower())
-    return SYNONYMS.get(plain, plain)
+    timed = plain.removesuffix(unit).rstrip(" _/").removesuffix(" in")  # time in min, time_min; not op_min
+    return "time" if SYNONYMS.get(timed, timed) in ("time", "elapsed") else SYNONYMS.get(plain, plain)
 
 
 def _is_value(cell: str, notation: Notation) -> bool:

@@ -98,7 +98,7 @@ def test_a_load_in_a_later_stretch_is_told_by_the_time_of_the_record() -> None:
     signals = (whole.control[kept], whole.measurement[kept], whole.setpoint[kept])  # type: ignore[index]
     best = identify(Record(whole.time[kept], *signals), "foptd").best
     assert best is not None
-    assert best.loads == pytest.approx([725.0], abs=10.0)
+    assert best.loads == pytest.approx([725.0], abs=10.0), "instants 8 s apart are tried"
     assert best.simulated[0][0] == pytest.approx(130.5)
 
 

@@ -127,17 +127,16 @@ def identify(
     """
     begun, search = clock(), search_for(template, noise, disturbances, unstable)
     whole, told_of_sensor = sound(record)
-    learnt: list[IdentificationResult] = []
-    for stretch in whole.stretches:
-        learnt.append(_learnt_from(stretch, search, float(stretch.time[0] - record.time[0])))
-        if learnt[-1].success:
+    learnt: list[tuple[Record, IdentificationResult]] = []
+    for part in whole.stretches:
+        learnt.append((part, _learnt_from(part, search, float(part.time[0] - record.time[0]))))
+        if learnt[-1][1].success:
             break
-    found = learnt[-1] if learnt[-1].success else learnt[0]
+    stretch, found = learnt[-1] if learnt[-1][1].success else learnt[0]
     told = found.message + told_of_sensor
     if not found.success and (thinned := compressed(record)):
         told += f"; {thinned}: export raw values"
     if len(whole.stretches) > 1:
-        stretch = whole.stretches[learnt.index(found)]
         where = f"{stretch.time.size} from {stretch.time[0]:.6g} s to {stretch.time[-1]:.6g} s"
         told += f"; of {record.time.size} samples the {where}, a stretch without a break, were used"
     return replace(found, message=told + _late(record), elapsed=clock() - begun)

@@ -143,7 +143,7 @@ class Search:
             return None
         flaws = Flaws(friction=friction)
         seen = flaws.of_record(record)
-        found = replace(self, dead_band=False).of(seen, rough_fit(seen, _ROUGH, loads=True)).behind(flaws)
+        found = replace(self, dead_band=False).of(seen, self.rough(seen)).behind(flaws)
         is_judged = record.excitation is not None and bool(record.excitation.any())  # by what an experiment has moved
         return None if found.refusal or (self._leaves_much(found.best) and not is_judged) else found
 
@@ -159,7 +159,7 @@ class Search:
             if flaws is None:
                 break
             seen = flaws.of_record(record)
-            other = linear.of(seen, rough_fit(seen, _ROUGH, loads=True)).behind(flaws)
+            other = linear.of(seen, self.rough(seen)).behind(flaws)
             if found is not None and other.best.noise >= found.best.noise:
                 break
             found, best = other, other.best

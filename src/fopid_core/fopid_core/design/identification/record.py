@@ -169,9 +169,10 @@ class Record:
         InputError
             If even the longest has too few samples.
         """
-        if not self.breaks:
+        breaks = self.breaks
+        if not breaks:
             return (self,)
-        edges = [-math.inf, *self.breaks, math.inf]
+        edges = [-math.inf, *breaks, math.inf]
         inside = [self.time[(self.time > first) & (self.time <= last)] for first, last in pairwise(edges)]
         inside.sort(key=np.size, reverse=True)
         most = inside[0].size

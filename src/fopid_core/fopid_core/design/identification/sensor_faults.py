@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -110,29 +111,31 @@ def while_alive(record: Record) -> tuple[Record, str]:
     (150, 'the measurement stands still at 49.86 from 99 s to 149 s: is the sensor dead, or at the end of its range?')
     """
     values = record.measurement
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [values.size]])
-    lengths = np.diff(edges)
-    still = np.flatnonzero(lengths > _STILL)
-    noise = _usual_noise(values)
-    ends = {float(values[edges[run]]) for run in still if _is_noisy(values[: edges[run]][-_BEFORE:], noise)}
-    still = np.array([run for run in still if float(values[edges[run]]) in ends], dtype=np.intp)
-    if not still.size:
+    runs = _dead_runs(values)
+    if not runs:
         return record, ""
-    dead = np.zeros(values.size, dtype=bool)
-    for run in still:
-        dead[edges[run] + 1 : edges[run + 1]] = True
-    longest = still[np.argmax(lengths[still])]
-    first, last = record.time[edges[longest]], record.time[edges[longest + 1] - 1]
-    told = f"the measurement stands still at {values[edges[longest]]:.4g} from {first:.6g} s to {last:.6g} s"
-    others = f" (and {still.size - 1} times more)" if still.size > 1 else ""
-    told += f"{others}: is the sensor dead, or at the end of its range?"
-    alive = ~dead
+    alive = np.ones(values.size, dtype=bool)
+    for first, end in runs:
+        alive[first + 1 : end] = False
+    first, end = max(runs, key=lambda run: run[1] - run[0])
+    told = f"from {record.time[first]:.6g} s to {record.time[end - 1]:.6g} s"
+    others = f" (and {len(runs) - 1} times more)" if len(runs) > 1 else ""
     setpoint, excitation = (None if each is None else each[alive] for each in (record.setpoint, record.excitation))
     found = replace(
         record, time=record.time[alive], control=record.control[alive], measurement=values[alive], setpoint=setpoint,
         excitation=excitation,
     )  # fmt: skip
-    return found, told
+    told = f"the measurement stands still at {values[first]:.4g} {told}{others}"
+    return found, f"{told}: is the sensor dead, or at the end of its range?"
+
+
+def _dead_runs(values: Floats) -> list[tuple[int, int]]:
+    """Where equal samples begin and end, of a sensor that was alive before, or once before it stood at that value."""
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [values.size]])
+    still = [(first, end) for first, end in pairwise(edges.tolist()) if end - first > _STILL]
+    noise = _usual_noise(values) if still else 0.0
+    known = {values[first] for first, _ in still if _is_noisy(values[:first][-_BEFORE:], noise)}
+    return [(first, end) for first, end in still if values[first] in known]
 
 
 def _usual_noise(values: Floats) -> float:
