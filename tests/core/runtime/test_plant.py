@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import control
+import mpmath
 import numpy as np
 import pytest
 
@@ -33,6 +36,41 @@ def test_a_held_input_is_answered_exactly(process: str) -> None:
         x = a @ x + b * u
         expected.append(float(c @ x) + d * u)
     np.testing.assert_allclose(run(process, inputs), expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("lags", "h", "samples"),
+    [
+        ((1e-12, 1e3, 1e4), 0.01, 100_000),
+        ((1e-12, 1e3), 1.0, 10_000),
+        ((1e-9, 999.0, 1001.0), 1.0, 10_000),
+        ((1e-6, 1e-3, 1.0, 1e3, 1e6), 0.01, 100_000),
+        ((1e-8, 1e6), 1e-5, 100_000),
+    ],
+)
+def test_poles_up_to_fifteen_decades_apart(lags: tuple[float, ...], h: float, samples: int) -> None:
+    """By partial fractions in 60 digits."""
+    process = read_process("1/(" + "".join(f"({lag!r}s+1)" for lag in lags) + ")")
+    plant = Plant(PlantSettings(process, h))
+    found = np.array([plant.step(1.0) for _ in range(samples)])
+    with mpmath.workdps(60):
+        exact_lags = [mpmath.mpf(repr(lag)) for lag in lags]
+        weights = [mpmath.fprod(a / (a - b) for b in exact_lags if b != a) for a in exact_lags]
+        for k in (1, 2, 10, 100, samples // 10, samples):
+            waves = (w * mpmath.exp(-k * mpmath.mpf(repr(h)) / a) for w, a in zip(weights, exact_lags, strict=True))
+            assert found[k - 1] == pytest.approx(float(1 - mpmath.fsum(waves)), abs=1e-11 * found[-1]), k
+
+
+def test_a_plant_that_runs_away_stops_before_its_numbers_end() -> None:
+    plant = Plant(PlantSettings(read_process("1/(s-1)"), 1.0))
+    with pytest.raises(InputError, match=r"process 1/\(s - 1\): its output has grown beyond all numbers; allowed: a"):
+        deque((plant.step(1.0) for _ in range(1000)), maxlen=0)
+    before = plant.measurement
+    assert np.isfinite(before)
+    assert before > 1e300
+    with pytest.raises(InputError, match="beyond all numbers"):
+        plant.step(1.0)
+    assert plant.measurement == before
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.003, 0.01, 0.0137, 0.25, 0.2549])

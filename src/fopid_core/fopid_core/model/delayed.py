@@ -127,9 +127,11 @@ def _modes(transforms: StepTransforms, horizon: float) -> tuple[float, Modes]:
     function = transforms.characteristic
     longest = transforms.longest_delay
     angle = math.pi if function.has_integer_orders else _ANGLE
+    at_origin = function.zeros_at_origin - int(function.lowest_order) if function.has_integer_orders else 0
     for share in _LINES:
         path = Path(angle, share / longest)
         count, clearance = count_right_of(function, path)
+        count -= at_origin  # it leaves aside those of s itself, but not those that delays make
         if not 0 <= count <= _MOST_MODES or clearance < _CLEAR:
             continue
         found = poles_right_of(function, path, count)

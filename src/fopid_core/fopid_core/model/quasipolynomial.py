@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from fopid_core.model.arrays import Complexes, Floats
 
+_CANCELLED = 1e-14  # of the sum of their sizes: less is left of terms that cancel each other
 _ORDER_DIGITS = 12  # orders (and delays) closer than 1e-12 are the same: sums of decimals are not exact
 
 
@@ -153,6 +154,27 @@ class QuasiPolynomial:
     def sum_of_order(self, order: float) -> float:
         """The sum of the coefficients of all terms of this order, whatever their delays."""
         return sum(t.coefficient for t in self.terms if t.order == order)
+
+    @property
+    def zeros_at_origin(self) -> int:
+        """How many zeros lie at s = 0, of whole orders: those that delays make, too.
+
+        Examples
+        --------
+        >>> one, s = QuasiPolynomial.constant(1.0), QuasiPolynomial.monomial(1.0, order=1)
+        >>> (s + one - QuasiPolynomial.monomial(1.0, delay=0.3)).zeros_at_origin  # s + 1 - exp(-0.3s) = 1.3 s - ...
+        1
+        """
+        k = int(self.lowest_order)
+        while True:
+            parts = [
+                t.coefficient * (-t.delay) ** (k - int(t.order)) / math.factorial(k - int(t.order))
+                for t in self.terms
+                if t.order <= k
+            ]
+            if abs(math.fsum(parts)) > _CANCELLED * sum(map(abs, parts)):
+                return k
+            k += 1
 
     @property
     def lowest_delay(self) -> float:

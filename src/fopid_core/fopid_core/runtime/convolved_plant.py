@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from fopid_core.model.delayed import Delayed
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
+from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 from fopid_core.model.step_transforms import StepTransforms
 from fopid_core.runtime.old_moves import PLACES, OldMoves, interpolation
 from fopid_core.runtime.plant import Plant, PlantSettings
@@ -64,7 +66,7 @@ class ConvolvedPlant:
     def __init__(self, settings: PlantSettings) -> None:
         self.settings, self.gain_factor = settings, settings.gain_factor
         self.accuracy, self.ends_by = 0.0, math.inf
-        longest = StepTransforms.of(_open(settings.process), "load").longest_delay
+        longest = _transforms(settings.process.without_delay()).longest_delay
         self._delays = settings.process.delay + 2.0 * longest
         self._steps = self._begun()
         self._begun_with = self._steps.size
@@ -86,8 +88,7 @@ class ConvolvedPlant:
         late = time > 0.0
         found = np.zeros(ages.size)
         if late.any():
-            signals, seen = self._answered(time[late])
-            values, error = -signals.at(seen)[0], signals.error_at(seen)[0]
+            values, error = self._answered(time[late])
             found[late] = values
             accuracy = float(np.max(error) / max(float(np.max(np.abs(values))), 1e-300))
             self.accuracy = max(self.accuracy, accuracy)
@@ -95,7 +96,7 @@ class ConvolvedPlant:
                 raise InputError(f"process {process}: its step response is known to {accuracy:.2g} only")
         return found
 
-    def _answered(self, time: Floats) -> tuple[DelayFree | Delayed, Floats]:
+    def _answered(self, time: Floats) -> tuple[Floats, Floats]:
         try:
             return _answer(self.settings.process, time, self.settings.sample_time)
         except UnknownResponseError as error:
@@ -206,16 +207,34 @@ def plant_of(settings: PlantSettings) -> AnyPlant:
     return Plant(settings) if settings.process.is_rational else ConvolvedPlant(settings)
 
 
-def _open(process: Process) -> Loop:
-    return Loop(process.without_delay(), Fopid(0.0))
+def _transforms(process: Process) -> StepTransforms:
+    """Of the answer to a unit step, with the sign of an error."""
+    return StepTransforms.of(Loop(process, Fopid(0.0)), "load")
 
 
-def _answer(process: Process, time: Floats, sample_time: float) -> tuple[DelayFree | Delayed, Floats]:
-    """The response to a unit step, with the sign of an error, and the instants to read it at.
+def _answer(process: Process, time: Floats, sample_time: float) -> tuple[Floats, Floats]:
+    """The response to a unit step, its own delay left aside, and the estimated error; at rising instants.
 
-    Where a delay inside makes it jump at an instant, the sample there is from before, as that of `Plant` is.
+    Where a delay makes it jump at an instant, the sample there is from before, as that of `Plant` is.
     """
-    transforms = StepTransforms.of(_open(process), "load")
-    if not transforms.longest_delay:
-        return DelayFree.of(transforms, float(time[-1]), float(time[0])), time
-    return Delayed.of(transforms, float(time[-1])), np.maximum(time - _BEFORE * sample_time, 0.5 * time[0])
+    process, close = process.without_delay(), _BEFORE * sample_time
+    if any(term.delay for term in process.denominator.terms):
+        echoed, seen = Delayed.of(_transforms(process), float(time[-1])), np.maximum(time - close, 0.5 * time[0])
+        return -echoed.at(seen)[0], echoed.error_at(seen)[0]
+    values, errors = np.zeros((2, time.size))
+    for delay, part in _parts(process):
+        late = time > delay + close
+        if late.any():
+            since = time[late] - delay
+            one = DelayFree.of(_transforms(part), float(since[-1]), float(since[0]))
+            values[late] -= one.at(since)[0]
+            errors[late] += one.error_at(since)[0]
+    return values, errors
+
+
+def _parts(process: Process) -> list[tuple[float, Process]]:
+    """The processes without delay, each with what it is delayed by, of which one is the sum."""
+    terms: dict[float, list[Term]] = {}
+    for term in process.numerator.terms:
+        terms.setdefault(term.delay, []).append(replace(term, delay=0.0))
+    return [(delay, Process(QuasiPolynomial.of(part), process.denominator)) for delay, part in sorted(terms.items())]

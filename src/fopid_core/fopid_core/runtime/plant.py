@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm, matrix_balance
+from scipy.linalg import matrix_balance
 
 from fopid_core.errors import InputError
 from fopid_core.model.process import Process
@@ -20,6 +20,8 @@ Matrix = NDArray[np.float64]
 TOLD_FROM = 1e-4
 """An accuracy of a plant, beside a step's response, from which on it is told."""
 MAX_DELAY_SAMPLES = 10_000_000
+_SERIES_TERMS = 16
+"""Of exp(M) where the norm of M is 1/2 at most: the next is 1e-18 of the first."""
 _DELAYS_SEEN, _MOST_SEEN = 4.0, 4000
 """For so many delays, in so many samples at most, what Pade's differs by from a true one is looked at."""
 
@@ -216,17 +218,20 @@ class Plant:
         Raises
         ------
         InputError
-            If an input is not finite; the plant is then as it was before the call.
+            If an input is not finite, or the output would not be; the plant is then as it was before the call.
         """
         if not math.isfinite(control + disturbance):
             raise InputError(f"control = {control}, disturbance = {disturbance}; allowed: finite numbers")
-        line, size = self._line, len(self._line)
-        self._cursor = (self._cursor + 1) % size
-        line[self._cursor] = self.gain_factor * (control + disturbance)
-        late = line[self._cursor - self._whole]
-        early = line[self._cursor - self._whole - 1]
-        self._x = self._a @ self._x + self._b_early * early + self._b_late * late
-        self.output = float(self._c @ self._x) + self._d * late
+        line, cursor = self._line, (self._cursor + 1) % len(self._line)
+        line[cursor] = self.gain_factor * (control + disturbance)
+        late, early = line[cursor - self._whole], line[cursor - self._whole - 1]
+        with np.errstate(over="ignore", invalid="ignore"):
+            state = self._a @ self._x + self._b_early * early + self._b_late * late
+            output = float(self._c @ state) + self._d * late
+        if not math.isfinite(output):
+            told = f"process {self._settings.process}: its output has grown beyond all numbers"
+            raise InputError(f"{told}; allowed: a control that holds it")
+        self._cursor, self._x, self.output = cursor, state, output
         self.measurement = self._measure()
         return self.measurement
 
@@ -263,5 +268,23 @@ def _held_input(system: StateSpace, duration: float) -> tuple[Matrix, Matrix]:
     n = len(system.b)
     block = np.zeros((n + 1, n + 1))
     block[:n, :n], block[:n, n] = system.a, system.b
-    transition = expm(block * duration)
-    return transition[:n, :n], transition[:n, n]
+    grown = _grown(block * duration)
+    return grown[:n, :n] + np.eye(n), grown[:n, n]
+
+
+def _grown(exponent: Matrix) -> Matrix:
+    """exp(M) - 1: its power series for M / 2^k, then doubled k times.
+
+    `scipy.linalg.expm` squares exp(M / 2^k), in which little is left of a pole that is 2^k times slower than the
+    fastest: with time constants fifteen decades apart a step's response was off by 7e-3. Without the 1 nothing is lost.
+    """
+    norm = float(np.abs(exponent).sum(axis=1).max())
+    doublings = math.ceil(math.log2(max(norm, 1.0))) + 1
+    short = exponent / 2.0**doublings
+    grown = term = short
+    for k in range(2, _SERIES_TERMS):
+        term = term @ short / k
+        grown = grown + term
+    for _ in range(doublings):
+        grown = 2.0 * grown + grown @ grown
+    return grown
