@@ -13,7 +13,7 @@ from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record, validation_samples
 from fopid_core.design.identification.refusal import refusal_of
 from fopid_core.design.identification.response import InitialCondition
-from fopid_core.design.identification.runaway import RunawayResponse, evenly
+from fopid_core.design.identification.runaway import RunawayResponse
 from fopid_core.design.identification.structure import structure_of
 from fopid_core.design.recorded_tuning import tune_recorded
 from fopid_core.model.fopid import Fopid
@@ -134,7 +134,7 @@ def test_uneven_samples_and_long_records_are_put_on_even_instants() -> None:
     model = identify(uneven, noise=0.01).best
     assert model.template.startswith("unstable:")
     assert error_at(model.process, model.crossover, HELD["1/(s^2-1)"][0]) < 0.05
-    thin = evenly(even, 300)
+    thin = even.evenly(300)
     assert thin.time.size == 300
     assert thin.control[:-1] == pytest.approx(even.control.reshape(300, 3).mean(axis=1)[:-1])
 

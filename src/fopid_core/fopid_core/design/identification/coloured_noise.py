@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from fopid_core.design.identification.fit import Fit, fit
 from fopid_core.design.identification.record import Record
-from fopid_core.design.identification.response import InitialCondition, RecordResponse
+from fopid_core.design.identification.response import MOST_CELLS, InitialCondition, RecordResponse
 from fopid_core.design.identification.runaway import RunawayResponse
 from fopid_core.design.identification.structure import Structure
 from fopid_core.model.arrays import Booleans, Floats
@@ -19,6 +19,8 @@ ORDER, LONG_ORDER = 6, 32
 """Of the autoregression, and of that for a process that runs away: noise of its own control is slow beside ticks."""
 _ROUNDS = 2
 _EVALUATIONS = 20
+_AT_REST = 1e-3
+"""Rounds end where no number of the process moves by more than this share of the largest."""
 
 
 def whitener(residual: Floats, order: int = ORDER) -> Floats:
@@ -38,9 +40,16 @@ def whitener(residual: Floats, order: int = ORDER) -> Floats:
 class _Whitened(RecordResponse):
     """Mixed into a response: it, and what it is fitted to, behind a filter."""
 
-    def __init__(self, record: Record, structure: Structure, start: InitialCondition, whitening: Floats) -> None:
-        super().__init__(record, structure, start)
-        self._whitening = whitening
+    def __init__(
+        self,
+        record: Record,
+        structure: Structure,
+        start: InitialCondition,
+        whitening: Floats,
+        most: int = MOST_CELLS,
+    ) -> None:
+        super().__init__(record, structure, start, most)
+        self.whitening = whitening
 
     def columns(self, x: Floats) -> Floats:
         """The same behind the filter."""
@@ -51,7 +60,7 @@ class _Whitened(RecordResponse):
         return self._filtered(super().target(x))
 
     def _filtered(self, signals: Floats) -> Floats:
-        filtered: Floats = lfilter(self._whitening, np.ones(1), signals, axis=0)
+        filtered: Floats = lfilter(self.whitening, np.ones(1), signals, axis=0)
         return filtered
 
 
@@ -79,12 +88,46 @@ def fit_in_coloured_noise(record: Record, found: Fit, rows: Booleans) -> tuple[F
     """
     runs_away = found.structure.runs_away
     kind, order = (WhitenedRunawayResponse, LONG_ORDER) if runs_away else (WhitenedResponse, ORDER)
+    return fit_in_turns(kind, found.response, found.x, whitener(found.residual, order), rows, _ROUNDS, _EVALUATIONS)
+
+
+def fit_in_turns(
+    kind: type[_Whitened],
+    response: RecordResponse,
+    x: Floats,
+    whitening: Floats,
+    rows: Booleans,
+    most: int,
+    evaluations: int,
+) -> tuple[Fit, Fit]:
+    """The process behind a filter and the filter from what the process leaves, so many times at most.
+
+    Parameters
+    ----------
+    kind : type
+        What the response behind the filter is.
+    response : RecordResponse
+        Without it, to an evenly spaced record.
+    x : ndarray
+        Free numbers of the process to begin with.
+    whitening : ndarray, shape (1 + order,)
+        Filter to begin with.
+    rows : ndarray of bool, shape (n,)
+    most, evaluations : int
+
+    Returns
+    -------
+    Fit, Fit
+        As it is, and behind the filter.
+    """
+    order = whitening.size - 1
     began = rows & (np.arange(rows.size) >= order)
-    plain, white = found, found
-    for _ in range(_ROUNDS):
-        response = kind(record, found.structure, found.response.start, whitener(plain.residual, order))
-        white = fit(response, plain.x, began, _EVALUATIONS, 1e-6)
-        residual = found.response.target(white.x) - found.response.columns(white.x) @ white.coefficients
-        error = float(np.sqrt(np.mean(residual[rows] ** 2)))
-        plain = Fit(found.response, white.x, white.coefficients, residual, error, rows)
-    return plain, white
+    for _ in range(most):
+        behind = kind(response.record, response.structure, response.start, whitening, response.most)
+        white, before = fit(behind, x, began, evaluations, 1e-6), x
+        residual = response.target(white.x) - response.columns(white.x) @ white.coefficients
+        x, whitening = white.x, whitener(residual, order)
+        if np.abs(x - before).max() <= _AT_REST * np.abs(x).max():
+            break
+    error = float(np.sqrt(np.mean(residual[rows] ** 2)))
+    return Fit(response, x, white.coefficients, residual, error, rows), white

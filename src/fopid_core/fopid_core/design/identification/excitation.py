@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.signal import lfilter
 
 from fopid_core.design.identification.quality import correlation_time
 from fopid_core.design.identification.record import Record
@@ -20,6 +21,8 @@ MANY_HALVES = _EDGES[-1]
 """A record of so many halves shows the whole answer once."""
 BEYOND_CHANCE = 4.0
 """The instrument has moved the measurement when it explains so many times the power that it would explain by chance."""
+ANSWERS = 0.3
+"""What a setpoint moves is looked at no closer than this over the crossover, however short it is held."""
 MOST_MISSED = 0.3
 """The largest share of what the instrument has moved that a model may miss."""
 
@@ -71,6 +74,36 @@ def missed_share(
     rest = measured - basis @ moved
     chance = moved.size * float(np.mean(rest**2)) * correlation_time(rest)
     if float(moved @ moved) < BEYOND_CHANCE * chance:
+        return math.inf
+    return float(np.linalg.norm(missed) / np.linalg.norm(moved))
+
+
+def missed_in_surprises(record: Record, surprises: Floats, whitening: Floats, instrument: Floats, half: float) -> float:
+    """The same of a model of an even record whose residual is white behind a filter: of what is left of all behind it.
+
+    Loads that wander hide what an instrument has moved; behind the filter they are as large as any surprise.
+
+    Parameters
+    ----------
+    record : Record
+    surprises : ndarray, shape (n,)
+        What is left of the model's residual behind the filter.
+    whitening : ndarray, shape (1 + order,)
+    instrument : ndarray, shape (n,)
+    half : float
+        How closely the answer is looked at [s].
+    """
+    time, first = record.time - record.time[0], whitening.size - 1
+
+    def behind(signal: Floats) -> Floats:
+        return np.asarray(lfilter(whitening, np.ones(1), signal - signal[0])[first:])
+
+    summed = np.concatenate([[0.0], np.cumsum(instrument[:-1] * np.diff(time))])
+    means = np.diff([np.interp(time - half * edge, time, summed) for edge in _EDGES], axis=0)
+    filtered = np.stack([behind(mean) for mean in means], axis=1)
+    basis = np.linalg.qr(filtered / max(float(np.abs(filtered).max()), 1e-300))[0]
+    moved, missed = basis.T @ behind(record.measurement), basis.T @ surprises[first:]
+    if float(moved @ moved) < BEYOND_CHANCE * moved.size * float(np.mean(surprises[first:] ** 2)):
         return math.inf
     return float(np.linalg.norm(missed) / np.linalg.norm(moved))
 

@@ -47,11 +47,12 @@ class IdentifiedModel:
     parameter_covariance : ndarray, shape (k, k)
         Of them, in their order.
     fit_pct : float
-        On held-back samples, with the model fitted to the others: 100 (1 - |y - model| / |y - mean y|) [%].
+        On held-back samples, with the model fitted to the others: 100 (1 - |y - model| / |y - mean y|) [%]; beside
+        loads that wander of what the setpoint, or an experiment, has moved.
     whiteness : Whiteness
         Of the residual.
     noise : float
-        Standard deviation of the residual, in units of the measurement.
+        Standard deviation of the residual, in units of the measurement; beside loads that wander of the surprises.
     crossover, deviation : float
         About where a controller would work [rad/s], and the standard deviation of the process there, as a share of
         its size.
@@ -59,6 +60,8 @@ class IdentifiedModel:
         Of the actuator before the process: a dead band that the record speaks for.
     offset : float
         How long after the record the stretch began that it was learnt from [s].
+    wanders : bool
+        Whether loads moved the measurement without end beside it.
     """
 
     template: str
@@ -79,6 +82,7 @@ class IdentifiedModel:
     )
     flaws: Flaws = field(default_factory=Flaws, kw_only=True)
     offset: float = field(default=0.0, kw_only=True)
+    wanders: bool = field(default=False, kw_only=True)
 
     @property
     def structure(self) -> Structure:
@@ -109,6 +113,11 @@ class IdentifiedModel:
     def fitted(self) -> Fit:
         """The fit itself."""
         return self._fit
+
+    @property
+    def white(self) -> Fit:
+        """The same numbers where the residual was made white: the fit itself in white noise."""
+        return self._white
 
     @property
     def numbers(self) -> Floats:
@@ -150,7 +159,7 @@ class IdentifiedModel:
         return self._drawn[count, seed]
 
 
-def judged(found: Fit, white: Fit, explained: float, span: float) -> IdentifiedModel:
+def judged(found: Fit, white: Fit, explained: float, span: float, caution: float = 1.0) -> IdentifiedModel:
     """What a fit says.
 
     Parameters
@@ -162,8 +171,10 @@ def judged(found: Fit, white: Fit, explained: float, span: float) -> IdentifiedM
         On held-back samples [%].
     span : float
         Of the record [s].
+    caution : float
+        By which standard deviations are multiplied.
     """
-    spread = covariance(white)
+    spread = caution**2 * covariance(white)
     crossover, deviation = _crossover(found, spread, span)
     parameters, named = found.structure.parameters(found.x, found.gains), parameter_covariance(found, spread)
     return IdentifiedModel(

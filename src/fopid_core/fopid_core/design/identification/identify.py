@@ -227,8 +227,12 @@ def refit(
 
 
 def _told(best: IdentifiedModel) -> str:
-    told = f"{best.template} explains {best.fit_pct:.2f} % of the measurement on held-back samples"
-    told += f"; {best.flaws}" if str(best.flaws) else ""
+    explains = f"{best.template} explains {best.fit_pct:.2f} % of the measurement on held-back samples"
+    if best.wanders:
+        explains = f"{best.template} explains {best.fit_pct:.0f} % of what the loop was moved by from outside"
+    told = f"{explains}; {best.flaws}" if str(best.flaws) else explains
+    if best.wanders:
+        return f"{told}; beside it loads wander"
     lag, span = best.parameters.get("T", 0.0), float(best.fitted.response.time[-1])
     if best.template == "foptd" and lag > NO_END * span:
         told += f"; it integrates, for all that the record shows: {best.parameters['K'] / lag:.4g} per second"

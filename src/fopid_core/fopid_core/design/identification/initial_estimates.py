@@ -79,7 +79,7 @@ def rough_fit(record: Record, samples: int, *, loads: bool = True) -> Fit:
     The beginnings are compared with fractional orders allowed, so that no beginning makes up for a model too simple.
     """
     open_start = InitialCondition(float(record.control[0]), step=True, free=True)
-    table = _scan(RecordResponse(record, structure_of("soptd"), open_start, samples))
+    table = scan(RecordResponse(record, structure_of("soptd"), open_start, samples))
     starts = initial_conditions(record)
     lags = [_two_lags(record, start, table, samples) for start in starts]
     if not np.ptp(record.control):
@@ -122,7 +122,7 @@ def _with_loads(record: Record, lags: Fit, judged: Fit, samples: int) -> tuple[l
     return found
 
 
-def _two_lags(record: Record, start: InitialCondition, table: _Table, samples: int) -> Fit:
+def _two_lags(record: Record, start: InitialCondition, table: Table, samples: int) -> Fit:
     response = RecordResponse(record, structure_of("soptd"), start, samples)
     rows = ~validation_samples(response.time.size)
     tried = [fit(response, seed, rows, _POLISH, 1e-3) for seed in table.best(start)]
@@ -144,7 +144,7 @@ def _score(found: Fit) -> float:
 
 
 @dataclass(frozen=True)
-class _Table:
+class Table:
     """Scalar products of the signals of a rough look, for every point of a grid.
 
     ``seeds`` has shape (m, 3): log tau, log c, delay [s]. ``products`` has shape (m, 7, 7): of what the control does,
@@ -157,6 +157,19 @@ class _Table:
 
     def best(self, start: InitialCondition) -> list[Floats]:
         """The point of the grid that leaves least unexplained, and the best with at most half its delay."""
+        explained = self._explained(start)
+        first = int(np.argmax(explained))
+        early = self.seeds[:, 2] <= 0.5 * self.seeds[first, 2]
+        return [self.seeds[first], self.seeds[np.argmax(np.where(early, explained, -np.inf))]]
+
+    def best_of_each_delay(self, start: InitialCondition) -> list[Floats]:
+        """The point of the grid that leaves least unexplained at each delay; the best of these first."""
+        explained, delays = self._explained(start), self.seeds[:, 2]
+        best = [int(np.argmax(np.where(delays == delay, explained, -np.inf))) for delay in np.unique(delays)]
+        return [self.seeds[k] for k in sorted(best, key=lambda k: -explained[k])]
+
+    def _explained(self, start: InitialCondition) -> Floats:
+        """Of the measurement's power, by each point of the grid, shape (m,)."""
         used = [0, 4] + [1] * start.step + [2, 3] * start.free + [5] * start.ramp
         change = np.eye(7)
         change[0, 1] = 0.0 if start.step else self.first - start.before
@@ -165,13 +178,11 @@ class _Table:
         products = products / (scale[:, :, None] * scale[:, None, :])
         inner = products[:, used][:, :, used] + 1e-9 * np.eye(len(used))
         right = products[:, used, 6]
-        explained = np.sum(right * np.linalg.solve(inner, right[:, :, None])[:, :, 0], axis=1)
-        first = int(np.argmax(explained))
-        early = self.seeds[:, 2] <= 0.5 * self.seeds[first, 2]
-        return [self.seeds[first], self.seeds[np.argmax(np.where(early, explained, -np.inf))]]
+        explained: Floats = np.sum(right * np.linalg.solve(inner, right[:, :, None])[:, :, 0], axis=1)
+        return explained
 
 
-def _scan(response: RecordResponse) -> _Table:
+def scan(response: RecordResponse) -> Table:
     """A look at two lags with every time constant, damping and delay of a grid."""
     step, span = float(response.time[1]), float(response.time[-1])
     delays = np.concatenate([[0.0], np.geomspace(step, 0.5 * span, _DELAYS - 1)])
@@ -185,7 +196,7 @@ def _scan(response: RecordResponse) -> _Table:
             signals = np.concatenate([driven[:, None, rows], stepped[:, None, rows], rest], axis=1)
             products.append(signals @ signals.transpose(0, 2, 1))
             seeds += [(log_tau, log_c, delay) for delay in delays.tolist()]
-    return _Table(np.array(seeds), np.concatenate(products), response.start.before)
+    return Table(np.array(seeds), np.concatenate(products), response.start.before)
 
 
 def initial_parameters(structure: Structure, rough: Fit, simpler: list[Fit]) -> list[Floats]:

@@ -23,6 +23,7 @@ from fopid_core.design.identification.refusal import (
     LEAST_FIT_IN_NOISE,
     explains_little,
     grows,
+    refusal_beside_the_setpoint,
     refusal_of,
 )
 from fopid_core.design.identification.response import RecordResponse
@@ -33,6 +34,7 @@ from fopid_core.design.identification.structure import (
     Structure,
     structure_of,
 )
+from fopid_core.design.identification.wandering_load import beside_wandering_loads
 from fopid_core.model.stability import process_stability
 
 SIMPLER = 1.01
@@ -72,7 +74,7 @@ class Found:
 
     def began(self, offset: float) -> Found:
         """The same from a stretch that began so long after the record [s]."""
-        return self._each(lambda model: replace(model, offset=offset)) if offset else self
+        return self._each(lambda model: replace(model, offset=model.offset + offset)) if offset else self
 
     def _each(self, changed: Callable[[IdentifiedModel], IdentifiedModel]) -> Found:
         known = {id(model): changed(model) for model in (*self.models, self.best)}
@@ -114,7 +116,8 @@ class Search:
             refusal = refusal_of(record, best, noise)
         if self.dead_band and (refusal or self._leaves_much(best)) and (freed := self._without_friction(record, best)):
             return freed
-        return Found(models + runaways, best, refusal)
+        found = Found(models + runaways, best, refusal)
+        return self._beside_wandering_loads(record, found) if refusal and self.everything and self.disturbances else found
 
     def _held_instead(self, record: Record, rough: Fit, behind: Found) -> Found | None:
         """A process that runs away, where it leaves noise alone and a dead band more: play may pass for its loop."""
@@ -146,6 +149,14 @@ class Search:
         found = replace(self, dead_band=False).of(seen, self.rough(seen)).behind(flaws)
         is_judged = record.excitation is not None and bool(record.excitation.any())  # by what an experiment has moved
         return None if found.refusal or (self._leaves_much(found.best) and not is_judged) else found
+
+    def _beside_wandering_loads(self, record: Record, found: Found) -> Found:
+        """A process beside loads that wander, where that explains some of what moved the loop from outside."""
+        best = beside_wandering_loads(record, dead_band=self.dead_band)
+        if best is None or best.fit_pct <= 0.0:
+            return found
+        refusal = refusal_of(record, best, self.noise) or refusal_beside_the_setpoint(record, best)
+        return Found((*found.models, best), best, refusal)
 
     def _behind_dead_band(self, record: Record, best: IdentifiedModel) -> Found | None:
         """The same behind the dead band that a record speaks for; None where it speaks for none, or that is no use.

@@ -184,6 +184,40 @@ class Record:
         least = max(FEWEST_SAMPLES, _WORTH_A_LOOK * most)
         return tuple(self.part(float(each[0]), float(each[-1])) for each in inside[:_LOOKS] if each.size >= least)
 
+    @property
+    def instrument(self) -> Floats | None:
+        """What is known to have moved the loop from outside: an experiment, or else the setpoint; None for nothing."""
+        for signal in (self.excitation, self.setpoint):
+            if signal is not None and np.ptp(signal) > 0.0:
+                return signal
+        return None
+
+    def evenly(self, most: int) -> Record:
+        """The same at even instants, at most so many: measurements of some, the control's means between them.
+
+        Examples
+        --------
+        >>> time = np.arange(0.0, 10.0, 0.1)
+        >>> thin = Record(time, np.sin(time), time).evenly(50)
+        >>> thin.time.size, thin.sample_time, thin.is_regular, float(thin.measurement[1])
+        (50, 0.2, True, 0.2)
+        """
+        if self.is_regular and self.time.size <= most:
+            return self
+        each = -(-self.time.size // most)
+        h = each * self.sample_time
+        time = self.time[0] + h * np.arange(math.ceil(self.span / h + 0.5 / each))
+        ends = np.append(self.time, self.time[-1] + self.sample_time)
+        given = np.concatenate([[0.0], np.cumsum(self.control * np.diff(ends))])
+        control = np.diff(np.interp(np.append(time, time[-1] + h), ends, given)) / h
+        control[-1] = self.control[-1]
+        measurement = self.measurement[::each] if self.is_regular else np.interp(time, self.time, self.measurement)
+        latest = np.searchsorted(self.time, time + REGULAR * self.sample_time, side="right") - 1
+        setpoint, excitation = (None if x is None else x[latest] for x in (self.setpoint, self.excitation))
+        return replace(
+            self, time=time, control=control, measurement=measurement, setpoint=setpoint, excitation=excitation
+        )
+
     def averaged(self, most: int) -> tuple[Floats, Floats]:
         """Instants and measurements, of blocks of samples where there are more than ``most`` samples."""
         each = -(-self.time.size // most)

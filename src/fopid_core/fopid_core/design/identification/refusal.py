@@ -6,11 +6,20 @@ import math
 
 import numpy as np
 
-from fopid_core.design.identification.excitation import MANY_HALVES, MOST_MISSED, half_hold, missed_share
+from fopid_core.design.identification.coloured_noise import WhitenedResponse
+from fopid_core.design.identification.excitation import (
+    ANSWERS,
+    MANY_HALVES,
+    MOST_MISSED,
+    half_hold,
+    missed_in_surprises,
+    missed_share,
+)
 from fopid_core.design.identification.feedback import moved_from_outside
 from fopid_core.design.identification.identified_model import MOST_DEVIATION, SHORTEST, IdentifiedModel
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition
+from fopid_core.model.arrays import Floats
 from fopid_core.model.stability import process_stability
 
 LARGEST = 1e100
@@ -28,8 +37,6 @@ MOST_UNSURE = 0.3
 """Largest standard deviation of an unstable pole, as a share of it."""
 REMEMBERS = 0.2
 """Correlation of what is left, beyond which it is no noise, whatever the setpoint has moved."""
-ANSWERS = 0.3
-"""What a setpoint moves is looked at no closer than this over the crossover, however short it is held."""
 FAR_TOO_SHORT = 60.0
 """A record that would have to be so many times longer shows no crossover."""
 MUCH_LONGER = 2.0
@@ -145,9 +152,7 @@ def refusal_beside_the_setpoint(record: Record, best: IdentifiedModel) -> str:
         return ""
     if not np.ptp(setpoint):
         return ""
-    time, measurement, explained = best.simulated
-    half = min(max(half_hold(record, setpoint), ANSWERS / best.crossover), record.span / MANY_HALVES)
-    missed = missed_share(record, time, measurement, measurement - explained, setpoint, half)
+    missed = _missed_of_setpoint(record, best, setpoint)
     if missed <= MOST_MISSED:
         return ""
     much = "drowns in that" if missed == math.inf else f"is missed by {min(100.0 * missed, 100.0):.0f} %"
@@ -158,6 +163,17 @@ def refusal_beside_the_setpoint(record: Record, best: IdentifiedModel) -> str:
         often = f"the control was at {limit:.4g} for {100.0 * share:.0f} % of the record, where a loop is not linear"
         return f"{told}; {often}: record moves in which it stays off its limits"
     return f"{told}: record without disturbances, larger moves of the setpoint, or more of them"
+
+
+def _missed_of_setpoint(record: Record, best: IdentifiedModel, setpoint: Floats) -> float:
+    """Of what it has moved, the share that a model misses; of one in noise with memory, behind what makes that white."""
+    response = best.white.response
+    if isinstance(response, WhitenedResponse) and response.record.setpoint is not None:
+        half, seen = ANSWERS / best.crossover, response.record
+        return missed_in_surprises(seen, best.white.residual, response.whitening, seen.setpoint, half)
+    time, measurement, explained = best.simulated
+    half = min(max(half_hold(record, setpoint), ANSWERS / best.crossover), record.span / MANY_HALVES)
+    return missed_share(record, time, measurement, measurement - explained, setpoint, half)
 
 
 def _is_unstable_for_sure(best: IdentifiedModel, noise: float) -> bool:

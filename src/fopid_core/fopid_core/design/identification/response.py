@@ -73,7 +73,7 @@ class RecordResponse:
 
     def __init__(self, record: Record, structure: Structure, start: InitialCondition, most: int = MOST_CELLS) -> None:
         self.structure, self.start = structure, start
-        self._record, self._most = record, most
+        self.record, self.most = record, most
         time, self.measurement = record.averaged(most)
         self.time: Floats = time - record.time[0]
         self._aligned = record.is_regular and time.size == record.time.size
@@ -97,7 +97,7 @@ class RecordResponse:
 
     def of(self, structure: Structure) -> RecordResponse:
         """The same for another structure."""
-        return RecordResponse(self._record, structure, self.start, self._most)
+        return RecordResponse(self.record, structure, self.start, self.most)
 
     @property
     def free_columns(self) -> int:

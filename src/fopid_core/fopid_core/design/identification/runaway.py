@@ -43,7 +43,7 @@ class RunawayResponse(RecordResponse):
     def __init__(
         self, record: Record, structure: Structure, start: InitialCondition, most: int = MOST_CELLS
     ) -> None:  # fmt: skip
-        super().__init__(evenly(record, most), structure, start, most)
+        super().__init__(record.evenly(most), structure, start, most)
 
     def target(self, x: Floats) -> Floats:
         """The measurement behind the filter."""
@@ -97,31 +97,6 @@ def response_to(
     """The response of any structure."""
     kind = RunawayResponse if structure.runs_away else RecordResponse
     return kind(record, structure, start, most)
-
-
-def evenly(record: Record, most: int) -> Record:
-    """The record at even instants, at most so many: measurements of some, the control's means between them.
-
-    Examples
-    --------
-    >>> time = np.arange(0.0, 10.0, 0.1)
-    >>> thin = evenly(Record(time, np.sin(time), time), 50)
-    >>> thin.time.size, thin.sample_time, thin.is_regular, float(thin.measurement[1])
-    (50, 0.2, True, 0.2)
-    """
-    if record.is_regular and record.time.size <= most:
-        return record
-    each = -(-record.time.size // most)
-    h = each * record.sample_time
-    count = math.ceil(record.span / h + 0.5 / each)
-    time = record.time[0] + h * np.arange(count)
-    edges = np.append(time, time[-1] + h)
-    held = np.concatenate([[0.0], np.cumsum(record.control * np.append(np.diff(record.time), record.sample_time))])
-    ends = np.append(record.time, record.time[-1] + record.sample_time)
-    control = np.diff(np.interp(edges, ends, held)) / h
-    control[-1] = record.control[-1]
-    measurement = record.measurement[::each] if record.is_regular else np.interp(time, record.time, record.measurement)
-    return replace(record, time=time, control=control, measurement=measurement, setpoint=None, excitation=None)
 
 
 def runaway_fits(record: Record, starts: tuple[InitialCondition, ...]) -> list[Fit]:

@@ -1,0 +1,142 @@
+"""A process beside loads that wander without end: what an ordinary day of a plant shows, with a few setpoint moves.
+
+The control answers such loads, and a model that is to explain the measurement explains them by it. What the past of the
+residual tells is taken out by a long autoregression, and only what is left, the surprises, counts: the prediction error
+method, consistent in closed loop (Ljung 1999, ch. 13.4). Autoregression and process are fitted in turns (Clarke 1967);
+since that can end anywhere, it begins at several delays, behind the autoregression of the measurement itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from fopid_core.design.identification.coloured_noise import LONG_ORDER, WhitenedResponse, fit_in_turns, whitener
+from fopid_core.design.identification.dead_band import HAS_PLAY, STICKS
+from fopid_core.design.identification.excitation import ANSWERS, missed_in_surprises
+from fopid_core.design.identification.fit import Fit, fit
+from fopid_core.design.identification.flaws import Flaws
+from fopid_core.design.identification.identified_model import IdentifiedModel, judged
+from fopid_core.design.identification.initial_estimates import scan
+from fopid_core.design.identification.rate_limit import gained
+from fopid_core.design.identification.record import Record
+from fopid_core.design.identification.response import InitialCondition, RecordResponse
+from fopid_core.design.identification.structure import structure_of
+from fopid_core.model.arrays import Floats
+
+MOST_SAMPLES = 1 << 15
+"""Of longer records the part is looked at in which the setpoint moves most."""
+CAUTION = 1.4
+"""Standard deviations are so many times what the surprises say, since the autoregression is learnt with the process:
+the root mean square error of 30 random days over the deviation without it."""
+_STRUCTURE = "soptd"
+_LOOK = 1024
+"""Blocks of samples of a first look."""
+_STARTS, _FINISHED = 5, 2
+"""Delays at which the search begins, and the best of these that it is gone on with."""
+_FIRST_ROUNDS, _MOST_ROUNDS, _EVALUATIONS = 3, 25, 6
+_BANDS = {HAS_PLAY: np.geomspace(0.01, 0.5, 20), STICKS: np.geomspace(0.01, 0.5, 40)}
+"""Dead bands of the actuator that are looked for, as shares of the control's range in the record."""
+_SPEAKS = 5.0
+"""Twice the logarithm of the likelihood grows by so much with one that is there, and by 1.4 at most without, in random
+days: taken for true at less than elsewhere, since a gain that is too large is the safer one."""
+_GLANCE = 2
+"""So many evaluations tell one from another."""
+
+
+def beside_wandering_loads(record: Record, *, dead_band: bool = True) -> IdentifiedModel | None:
+    """Two lags and a delay; None where nothing but the measurement is known to have moved the loop.
+
+    Parameters
+    ----------
+    record : Record
+        In closed loop. Uneven samples are interpolated.
+    dead_band : bool
+        Whether an actuator that sticks or has play is looked for: small moves that it swallows would make a gain that
+        is too small.
+
+    Examples
+    --------
+    >>> from scipy.signal import lfilter
+    >>> rng, time = np.random.default_rng(0), np.arange(3000.0)
+    >>> control = np.repeat(rng.integers(0, 2, 30), 100).astype(float)
+    >>> wandering = np.cumsum(0.05 * rng.standard_normal(3000))
+    >>> measurement = lfilter([0.0, 0.1], [1.0, -0.9], control + wandering)
+    >>> found = beside_wandering_loads(Record(time, control, measurement, setpoint=control))
+    >>> bool(abs(found.process.steady_state_gain - 1.0) < 0.1)
+    True
+    """
+    even = _of_interest(record)
+    if even.instrument is None:
+        return None
+    begin = whitener(even.measurement - even.measurement.mean(), LONG_ORDER)
+    tried = [_turns(even, x, begin, _FIRST_ROUNDS) for x in _first_looks(even, begin)]
+    tried.sort(key=lambda found: found[1].error)
+    ends = [_turns(even, plain.x, _whitening(white), _MOST_ROUNDS) for plain, white in tried[:_FINISHED]]
+    plain, white = min(ends, key=lambda found: found[1].error)
+    flaws = Flaws()
+    if dead_band and (behind := _behind_dead_band(even, plain, white)):
+        flaws, plain, white = behind
+    model = judged(plain, white, 0.0, even.span, CAUTION)
+    half = ANSWERS / model.crossover
+    missed = missed_in_surprises(even, white.residual, _whitening(white), even.instrument, half)
+    return replace(
+        model, fit_pct=100.0 * (1.0 - missed), noise=white.error, flaws=flaws, wanders=True,
+        offset=float(even.time[0] - record.time[0]),
+    )  # fmt: skip
+
+
+def _whitening(white: Fit) -> Floats:
+    assert isinstance(white.response, WhitenedResponse)
+    return white.response.whitening
+
+
+def _turns(record: Record, x: Floats, whitening: Floats, most: int) -> tuple[Fit, Fit]:
+    start = InitialCondition(float(record.control[0]), step=True)
+    response = RecordResponse(record, structure_of(_STRUCTURE), start, MOST_SAMPLES)
+    rows = np.ones(record.time.size, dtype=bool)
+    return fit_in_turns(WhitenedResponse, response, x, whitening, rows, most, _EVALUATIONS)
+
+
+def _behind_dead_band(record: Record, plain: Fit, white: Fit) -> tuple[Flaws, Fit, Fit] | None:
+    """The dead band that the surprises speak for, and the process behind it; None where they do not."""
+    rows, response = white.rows, white.response
+
+    def glance(felt: Floats) -> float:
+        behind = WhitenedResponse(
+            replace(record, control=felt), response.structure, response.start, _whitening(white), MOST_SAMPLES
+        )
+        return fit(behind, white.x, rows, _GLANCE).error
+
+    shares = np.concatenate(list(_BANDS.values()))
+    slips = np.repeat(list(_BANDS), [sizes.size for sizes in _BANDS.values()])
+    sizes = float(np.ptp(record.control)) * shares
+    errors = [glance(felt) for felt in Flaws(dead_band=sizes, slip=slips).felt(record.control)]
+    best = int(np.argmin(errors))
+    flaws = Flaws(dead_band=float(sizes[best]), slip=float(slips[best]))
+    found = _turns(flaws.of_record(record), plain.x, _whitening(white), _MOST_ROUNDS)
+    return (flaws, *found) if gained(white, found[1]) >= _SPEAKS else None
+
+
+def _first_looks(record: Record, whitening: Floats) -> list[Floats]:
+    """Two lags at some delays, the best first, by what little of the signals is left behind a filter."""
+    first = whitening.size - 1
+
+    def behind(signal: Floats) -> Floats:
+        return np.asarray(lfilter(whitening, np.ones(1), signal - signal[0])[first:])
+
+    left = Record(record.time[first:], behind(record.control), behind(record.measurement))
+    start = InitialCondition(0.0)
+    return scan(RecordResponse(left, structure_of(_STRUCTURE), start, _LOOK)).best_of_each_delay(start)[:_STARTS]
+
+
+def _of_interest(record: Record) -> Record:
+    """With even samples, and no more than can be looked at."""
+    if record.time.size > MOST_SAMPLES and record.instrument is not None:
+        moved = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(record.instrument)))])
+        within = moved[MOST_SAMPLES - 1 :] - moved[: moved.size - MOST_SAMPLES + 1]
+        first = int(np.argmax(within))
+        record = record.part(float(record.time[first]), float(record.time[first + MOST_SAMPLES - 1]))
+    return record.evenly(MOST_SAMPLES)
