@@ -46,14 +46,24 @@ def test_adds_nothing_while_the_measurement_runs_for_the_edge_and_is_smaller_aft
 
 def test_adds_nothing_while_the_control_is_at_its_limit() -> None:
     guard = guarded()
-    assert fed(guard, 0.0, 0.0, control=5.0) == [0.0, 0.0]
+    assert fed(guard, 0.0, 0.0, 0.0, control=5.0) == [0.0, 0.0, 0.0]
     assert fed(guard, 0.0)[-1] == 0.25
+
+
+def test_a_control_that_answers_lone_samples_is_no_reason_to_shrink() -> None:
+    """Up, and down again at the next tick, as a derivative does; the sample itself is within half of the band."""
+    guard = guarded(hold=1e3)
+    for _ in range(3 * SHRINKS_MAX):
+        fed(guard, 0.0, control=5.0)
+        fed(guard, 0.0, control=-5.0)
+        assert fed(guard, 0.0, 0.0)[-1] == 0.5
+    assert not guard.finished
 
 
 def test_gives_up_when_that_goes_on_and_on() -> None:
     guard = guarded(hold=1e3)
     for _ in range(SHRINKS_MAX + 1):
-        fed(guard, 0.0, control=5.0)
+        fed(guard, 0.0, 0.0, 0.0, control=5.0)
         fed(guard, 0.0)
     assert guard.finished
     assert not guard.excitation.completed

@@ -28,7 +28,7 @@ from fopid_core.design.identification.refusal import (
 )
 from fopid_core.design.identification.response import InitialCondition
 from fopid_core.design.identification.runaway import response_to
-from fopid_core.design.identification.sensor_faults import compressed, sound
+from fopid_core.design.identification.sensor_faults import as_told, compressed, sound
 from fopid_core.design.specification import Clock
 from fopid_core.model.arrays import Floats
 
@@ -134,7 +134,7 @@ def identify(
             break
     stretch, found = learnt[-1] if learnt[-1][1].success else learnt[0]
     told = found.message + told_of_sensor
-    if not found.success and (thinned := compressed(record)):
+    if not found.success and record.excitation is None and (thinned := compressed(as_told(record)[0])):
         told += f"; {thinned}: export raw values"
     if len(whole.stretches) > 1:
         where = f"{stretch.time.size} from {stretch.time[0]:.6g} s to {stretch.time[-1]:.6g} s"

@@ -16,6 +16,9 @@ _STILL, _BEFORE, _MOVES, _TURNS, _AS_NOISY = 20, 40, 0.5, 0.55, 0.5
 """So many equal samples in a row come from a sensor that is dead, where it was alive for so many before: it changed at
 such a share of them, with that share of its usual noise, and its third differences, which are mostly noise, changed
 their sign at such a share of them: in white noise 0.77. What dies away with what moved the process is none."""
+_SHORT = 5
+"""A sensor that reads in steps larger than its noise stands still by itself: for all lengths of time, so that most of
+those longer than this are shorter than what counts."""
 _STRAIGHT, _SHARPEST, _MOSTLY, _CORNERS = 0.1, 0.99, 0.7, 10
 """A signal runs straight where it bends by no more than that share of what its sharpest corners do: it was drawn so
 where most of its samples lie straight, but for more than so many corners."""
@@ -31,10 +34,11 @@ def as_told(record: Record) -> tuple[Record, str]:
     told : str
         Clauses that begin with a semicolon.
     """
-    whole, dropped = without_dropouts(record)
-    read = as_read(whole)
-    seldom = "" if read is whole else f"the sensor has read every {read.sample_time:.3g} s only"
-    return read, _clauses(dropped, seldom)
+    told = as_read(record)
+    whole, dropped = without_dropouts(told)
+    read = as_read(whole) if told is record else whole
+    is_seldom = told is not record or read is not whole
+    return read, _clauses(dropped, f"the sensor has read every {read.sample_time:.3g} s only" if is_seldom else "")
 
 
 def sound(record: Record) -> tuple[Record, str]:
@@ -75,7 +79,8 @@ def compressed(record: Record) -> str:
 def without_dropouts(record: Record) -> tuple[Record, str]:
     """The record with samples that dropped out replaced by a line between their neighbours, and what is said of them.
 
-    What the controller made of them stays: it has moved the process.
+    What the controller made of them stays: it has moved the process. Readings that are held for some ticks only look
+    alike; a record of these stays as it is.
 
     Examples
     --------
@@ -87,7 +92,7 @@ def without_dropouts(record: Record) -> tuple[Record, str]:
     ('3 samples that dropped out, the first to 0 at 40 s, were replaced', True)
     """
     measurement, dropped = bridged(record.measurement)
-    if not dropped.size:
+    if not dropped.size or as_read(record) is not record:
         return record, ""
     first = f"to {record.measurement[dropped[0]]:.4g} at {record.time[dropped[0]]:.6g} s"
     told = f"a sample that dropped out {first} was replaced"
@@ -133,6 +138,9 @@ def _dead_runs(values: Floats) -> list[tuple[int, int]]:
     """Where equal samples begin and end, of a sensor that was alive before, or once before it stood at that value."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [values.size]])
     still = [(first, end) for first, end in pairwise(edges.tolist()) if end - first > _STILL]
+    lengths = np.diff(edges)
+    if np.count_nonzero((lengths > _SHORT) & (lengths <= _STILL)) > len(still):
+        return []
     noise = _usual_noise(values) if still else 0.0
     known = {values[first] for first, _ in still if _is_noisy(values[:first][-_BEFORE:], noise)}
     return [(first, end) for first, end in still if values[first] in known]

@@ -12,7 +12,7 @@ from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identify import IdentificationResult, behind_slow_actuator, identify
 from fopid_core.design.identification.noise import hidden_by_steps
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
-from fopid_core.design.identification.sensor_faults import without_dropouts
+from fopid_core.design.identification.sensor_faults import as_told, without_dropouts
 from fopid_core.design.response_verification import contradicts_rest
 from fopid_core.design.slower import act_alike
 from fopid_core.design.specification import TuningResult
@@ -443,10 +443,9 @@ class Autotuner:
     def _learn(self, began: float) -> Outcome:
         """A model of all that was heard since ``began``, and gains for it."""
         self._wait.report(Stage("identifying", 0.6))
-        record = self._heard(began)
-        seen, known = self._behind_actuator(record), self._rate
-        found = identify(seen, self._request.template, noise=self._experiment.loop.unrest).with_limit(known)
-        found = behind_slow_actuator(record, found, self._request.template, self._experiment.loop.unrest) or found
+        record, known, unrest = self._heard(began), self._rate, self._experiment.loop.unrest
+        found = identify(self._behind_actuator(record), self._request.template, noise=unrest).with_limit(known)
+        found = behind_slow_actuator(record, found, self._request.template, unrest) or found
         if not found.success or found.best is None:
             told = f"nothing was changed: {found.message} ({self._experiment.made})"
             return Outcome(message=told, model=found.best, models=found.models)
@@ -471,6 +470,7 @@ class Autotuner:
         )  # fmt: skip
         # Between two steps an integral moves the control for ever, and a derivative makes it jump at each.
         deadband, told = hidden_by_steps(record.measurement, self._rest.noise, self._rest.moves), outcome.message
+        told += as_told(record)[1]
         if every and outcome.success and deadband > self._controller.deadband:
             told = f"{told}; {counting_as_none(deadband, 'are to count')}"
         if outcome.success and self._is_livelier(outcome, self._rest.controller):

@@ -22,6 +22,10 @@ LIMIT_ANSWERS, LIMIT_TICKS = 10.0, 20
 """A control does not come back that has been at a limit for so many times as long as the loop takes to answer, and for
 so many ticks."""
 
+EXCUSED_TICKS, EXCUSED_FILTERS = 1.5, 3.0
+"""What the controller makes of a lone sample, by its derivative even after it, is no move of the plant: for so many
+ticks and times of its filter."""
+
 
 class GuardedExcitation:
     """Runs an excitation tick by tick: ``added = guarded.step(tick)``.
@@ -54,13 +58,14 @@ class GuardedExcitation:
         self._foresight = foresight + self._smoothing  # by which the average is late
         self._enough = enough
         self._oldest = max(OLDEST, OLDEST_TICKS * loop.controller.sample_time)
-        self._scale, self._shrinks, self._braking = 1.0, 0, False
+        self._scale, self._shrinks, self._braking, self._shrunk = 1.0, 0, False, False
         self.level = self._speed = 0.0
         self._last: Tick | None = None
         self._began = math.nan
         self._rise: list[tuple[float, float]] = []
         self.peak = 0.0
-        self._sensor = LoneSample.within(loop.deviation_max)
+        self._sensor, self._excused_until = LoneSample.within(loop.deviation_max), -math.inf
+        self._excused = EXCUSED_TICKS * loop.controller.sample_time + EXCUSED_FILTERS * loop.controller.filter.time
         self._dead_sensor, self._added = DeadSensor(loop.longest_still, foresight), 0.0
         self._limit_since = math.inf
         self._limit_most = max(LIMIT_ANSWERS * foresight, LIMIT_TICKS * loop.controller.sample_time)
@@ -95,7 +100,9 @@ class GuardedExcitation:
         self.end(reason)
         if not self.finished and self.peak >= self._enough:
             self.complete("moved far enough")
-        if not self._sensor.held_back:  # else what the controller made of it is no move of the plant either
+        if self._sensor.held_back:
+            self._excused_until = tick.time + self._excused
+        if tick.time > self._excused_until:
             self._brake(tick)
         self._added = 0.0 if self.finished or self._braking else self._scale * added
         return self._added
@@ -147,10 +154,14 @@ class GuardedExcitation:
 
     def _brake(self, tick: Tick) -> None:
         most, ahead = self._loop.deviation_max, abs(self.level + self._speed * self._foresight)
-        saturated = self._saturated(tick)
+        away, saturated = max(ahead, abs(self.level)), self._saturated(tick)
         if self._braking:
-            self._braking = saturated or max(ahead, abs(self.level)) > GO_ON_SHARE * most
-        elif saturated or max(ahead, abs(self.level)) > BRAKE_SHARE * most:
-            self._braking = True
+            self._braking = saturated or away > GO_ON_SHARE * most
+        elif saturated or away > BRAKE_SHARE * most:
+            self._braking, self._shrunk = True, False
+        # A control that is at its limit for a tick or two has answered a lone sample.
+        lasts = saturated and tick.time - self._limit_since > self._excused
+        if self._braking and not self._shrunk and (lasts or away > BRAKE_SHARE * most):
+            self._shrunk = True
             self._scale *= SHRINK
             self._shrinks += 1

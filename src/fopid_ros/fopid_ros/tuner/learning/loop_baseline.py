@@ -262,15 +262,15 @@ class LoopBaseline:
     def why_not_at_rest(self, waited: float) -> str:
         """Why it is not at rest after that time [s], and what would be."""
         most, share = STEADY_STATE_SHARE * self.deviation_max, "tenth"
-        told, advice = f"measurement {self.offset:+.4g} off the setpoint, drifting by {self.drift:+.4g}", ""
+        told, until = f"measurement {self.offset:+.4g} off the setpoint, drifting by {self.drift:+.4g}", "wait, or "
         if (
             self.swing_about_drift > RESTLESS_SHARE * self.deviation_max
             or max(abs(self.offset), abs(self.drift)) <= most
         ):
             most, share = RESTLESS_SHARE * self.deviation_max, "fifth"
-            told = f"measurement swings by {self.swing:.4g} to either side: a limit cycle or a disturbance"
-            enough = max(self.swing / RESTLESS_SHARE, max(abs(self.offset), abs(self.drift)) / STEADY_STATE_SHARE)
-            advice = f"; a deviation_max of {1.1 * enough:.2g}, if the plant bears that, lets it begin"
+            told, until = f"measurement swings by {self.swing:.4g} to either side: a limit cycle or a disturbance", ""
+        enough = max(self.swing / RESTLESS_SHARE, max(abs(self.offset), abs(self.drift)) / STEADY_STATE_SHARE)
+        advice = f"; {until}a deviation_max of {1.1 * enough:.2g}, if the plant bears that, lets it begin"
         rest = f"a loop at rest, {most:.4g} at most (a {share} of the {self.deviation_max:.4g} of deviation_max)"
         return f"{told}, for {waited:.3g} s; allowed: {rest}{advice}"
 
