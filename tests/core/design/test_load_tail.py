@@ -75,7 +75,13 @@ def test_what_hardly_fades_is_not_said_to_fade() -> None:
     assert said.endswith(f" {left:.2g} times the process's gain at the crossover")
 
 
-@pytest.mark.parametrize("process", ["1/s", "1/(s+1)", pytest.param("(s+2)/(s+1)", marks=pytest.mark.slow)])
-def test_no_design_is_a_success_without_margin_for_any_delay(process: str) -> None:
+@pytest.mark.parametrize("process", ["1/s", "1/(s+1)"])
+def test_designs_have_a_margin_for_a_delay(process: str) -> None:
     result = tune(TuningRequest(Process.parse(process), "frequency"))
-    assert not result.success or result.achieved.delay_margin > 0.0
+    assert result.success, result.message
+    assert result.achieved.delay_margin > 0.0
+
+
+@pytest.mark.slow
+def test_without_one_for_any_delay_a_design_is_no_success() -> None:
+    assert not tune(TuningRequest(Process.parse("(s+2)/(s+1)"), "frequency")).success

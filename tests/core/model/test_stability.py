@@ -299,8 +299,9 @@ def test_the_unit_of_time_does_not_change_the_verdict(process: str, gains: tuple
         controller.kp, controller.ki * unit**-controller.lam, controller.kd * unit**controller.mu, *gains[3:]
     )
     first, second = stability(Loop(original, controller)), stability(Loop(scaled, rescaled))
-    if first.decided and second.decided:
-        assert first.unstable_poles == second.unstable_poles
+    assert first.decided
+    assert second.decided
+    assert first.unstable_poles == second.unstable_poles
 
 
 def in_unit(function: QuasiPolynomial, unit: float) -> QuasiPolynomial:

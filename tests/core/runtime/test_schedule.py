@@ -88,6 +88,23 @@ def test_at_an_operating_point_it_is_the_controller_of_that_point_bit_for_bit(ga
         assert np.abs(scheduled - expected).max() < 1e-11  # rounding of differences over the sample time
 
 
+@pytest.mark.parametrize("gains", [Fopid(2.0), Fopid(1.0, 0.5, 0.0, lam=0.0)], ids=["P", "integral of order 0"])
+def test_without_an_integral_it_comes_back_from_a_hold_as_without_a_table(gains: Fopid) -> None:
+    plain, read = (FopidController(ControllerSettings(gains, H)) for _ in range(2))
+    scheduler = GainScheduler(table((gains, gains)), read)
+    for controller in (plain, read):
+        scheduler.follow(0.0)
+        controller.step(1.0, 0.0)
+        for _ in range(4):
+            controller.hold(3.0)
+    for _ in range(20):
+        expected = plain.step(1.0, 0.0)
+        scheduler.follow(0.0)
+        found = read.step(1.0, 0.0)
+    assert expected == pytest.approx(gains.kp + gains.ki)
+    assert found == pytest.approx(expected)
+
+
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(
     gains=st.lists(

@@ -84,6 +84,11 @@ class Fopid:
         return self.lam if self.ki else 0.0
 
     @property
+    def integrates(self) -> bool:
+        """Whether it remembers an error for good: an integral of order 0 is another proportional part."""
+        return self.integral_order > 0.0
+
+    @property
     def numerator(self) -> QuasiPolynomial:
         """C(s) times ``s**integral_order``."""
         return self.weighted_numerator(WHOLE_SETPOINT)

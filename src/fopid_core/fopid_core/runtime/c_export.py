@@ -102,7 +102,7 @@ def _numbers_of_operators(settings: ControllerSettings) -> dict[str, object]:
         "filter_decay": operators.matrix[value, value],
         "filter_from_last": operators.matrix[value, value + DIFFERENCES],
         "filter_from_new": operators.matrix[value, -1],
-        "integrates": str(int(gains.ki != 0.0 and gains.lam > 0.0)),
+        "integrates": str(int(gains.integrates)),
         "conditioned": str(int(conditioned)), "error_per_excess": 1.0 / gain if conditioned else 0.0,
         "tracking_gain": tracking_gain(operators, gains, settings.tracking_time),
         "takes_in": {"none": "0", "back_calculation": "1"}.get(settings.antiwindup, direction),

@@ -133,7 +133,7 @@ class FopidController:
         if conditioned:
             operators.set_correction(operators.of_error / reading.feedthrough)
         self._kp, self._ki, self._kd = reading.parts[0], 1.0, 1.0
-        self._integrates = reading.ki != 0.0
+        self._integrates = reading.integrates
         self.setpoint_feedthrough = setpoint_feedthrough(reading.parts, self._settings)
         self._tracking_gain = reading.tracking_gain
         self._conditioned, self._direction = conditioned, reading.feedthrough if conditioned else reading.ki
@@ -371,7 +371,7 @@ class FopidController:
             derivative = derivative_weights(band, gains.mu, settings.sample_time, settings.derivative_filter_time)
             operators.set_weights(integral_weights(band, gains.lam), derivative)
         self._kp, self._ki, self._kd = gains.kp, gains.ki, gains.kd
-        self._integrates = gains.ki != 0.0 and gains.lam > 0.0
+        self._integrates = gains.integrates
         self._off_proportional = 1.0 - settings.setpoint_weight
         self._setpoint_move_max = settings.setpoint_rate_max * settings.sample_time
         self._low, self._high = settings.control_min, settings.control_max

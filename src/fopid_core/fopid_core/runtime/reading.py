@@ -16,12 +16,15 @@ class Reading:
     Attributes
     ----------
     ki : float
+    integrates : bool
+        Whether the controller does.
     weights : ndarray, shape (2, size)
         Of what is remembered, for the integral and the derivative part, gains included.
     feedthrough : float
-        Control per unit of error at the same tick, as what was limited is taken back by it.
+        Control per unit of error at the same tick, kept away from zero: anti-windup divides by it.
     parts : tuple of float
-        Such feedthroughs of the proportional part, kp, and of the integral and the derivative part.
+        Such feedthroughs of the proportional part, kp, and of the integral and the derivative part; their sum may be
+        zero.
     tracking_gain : float
         What the integral's input gets per unit of limited less unlimited control.
     conditioned : bool
@@ -29,6 +32,7 @@ class Reading:
     """
 
     ki: float
+    integrates: bool
     weights: Matrix
     feedthrough: float
     parts: tuple[float, float, float]
@@ -43,6 +47,7 @@ class Reading:
 
         return Reading(
             go(self.ki, other.ki),
+            self.integrates or other.integrates,
             (1.0 - share) * self.weights + share * other.weights,
             go(self.feedthrough, other.feedthrough),
             (go(self.parts[0], other.parts[0]), go(self.parts[1], other.parts[1]), go(self.parts[2], other.parts[2])),
@@ -55,6 +60,7 @@ def reading_of(operators: Operators, gains: Fopid, tracking_gain: float, conditi
     """What gains come to, read by operators that are set to their orders."""
     return Reading(
         ki=gains.ki,
+        integrates=gains.integrates,
         weights=operators.weights * [[gains.ki], [gains.kd]],
         feedthrough=direct_feedthrough(operators, gains),
         parts=feedthroughs(operators, gains),

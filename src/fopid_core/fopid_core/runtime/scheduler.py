@@ -95,7 +95,7 @@ class GainScheduler:
             if now != self.value:
                 self.value = now
                 self._read_at(now)
-        if not self.gains.ki:
+        if not self.gains.integrates:
             self._controller.fade_bias(self._fading)
 
     def _settled(self, value: float) -> float:

@@ -125,8 +125,7 @@ def test_play_is_not_taken_for_a_slow_actuator() -> None:
     made = record(1e9, 0.005, play=0.3)
     learnt = identify(made)
     assert learnt.flaws.dead_band == pytest.approx(0.3, rel=0.1)
-    slow = behind_slow_actuator(made, learnt)
-    assert slow is None or slow.flaws.rate > 50.0
+    assert behind_slow_actuator(made, learnt) is None
 
 
 @pytest.mark.long

@@ -28,7 +28,9 @@ def ms_of(process: str, gains: dict) -> float:
 
 
 def test_designs_keep_the_wishes_they_were_made_for() -> None:
-    for design in designs_for({"process": P1, "ms_max": 1.5, "effort": 3.0})["designs"]:
+    found = designs_for({"process": P1, "ms_max": 1.5, "effort": 3.0})["designs"]
+    assert len(found) == 3
+    for design in found:
         assert design["met"]
         assert ms_of(P1, design["gains"]) <= 1.5 * (1.0 + 1e-4)
         assert design["control_peak"] <= 3.0 * (1.0 + 1e-4)
