@@ -108,7 +108,7 @@ def record_loop(
     controller = FopidController(settings)
     per_phase = round(stretch / SAMPLE_TIME)
     setpoints, loads = (1.0, 2.0, 2.0, 3.0), (0.0, 0.0, -0.5, -0.5)
-    names = ("starting gains", "tuned by frequency", "load disturbance", "tuned in time")
+    names = ("starting gains", "tuned by frequency", "load disturbance", "tuned in the time domain")
     tunings = {per_phase: ("frequency", BY_FREQUENCY), 3 * per_phase: ("time", IN_TIME)}
     rows = []
     for k in range(4 * per_phase):

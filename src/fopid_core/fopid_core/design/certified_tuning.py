@@ -26,7 +26,7 @@ def certify_tuning(
 
     With a family it is proved for all its processes, in place of the one of the request; ``seconds`` is what that may
     take. A bound is proved with the error that a tuning is allowed to have (one part in a million). What is in force by
-    default is proved as well: max |S| of a tuning in time.
+    default is proved as well: max |S| of a time-domain tuning.
 
     Examples
     --------

@@ -22,9 +22,9 @@ from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
 
 LOAD_WEIGHTED = 10.0
-"""Of the load in the search of a design in time, whose index is a sum, beside the setpoint's."""
+"""Of the load in the search of a time-domain design, whose index is a sum, beside the setpoint's."""
 MS_MAX = 1.8
-"""Of the designs in time that are tried."""
+"""Of the time-domain designs that are tried."""
 STRUCTURES, FILTER_ORDER = ("pi", "pid", "fopid"), 2
 """Of those designs, and the order of their filter of the measurement, whose time is chosen with the gains."""
 WHOLE_INTEGRAL = {"lam": 1.0}

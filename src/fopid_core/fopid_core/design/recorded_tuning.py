@@ -348,7 +348,7 @@ def _learnt(record: Record, method: str, template: str, clock: Clock, noise: flo
 
 
 def _calmed(request: TuningRequest, tuned: RobustTuning) -> tuple[RobustTuning, str]:
-    """A design in time with calmer setpoint weights where a step would overshoot far, and what is said of that.
+    """A time-domain design with calmer setpoint weights where a step would overshoot far, and what is said of that.
 
     An index such as ITAE hardly counts what a kick makes of the first moments.
     """

@@ -265,7 +265,7 @@ def _held(processes: Sequence[Process], running: tuple[Fopid, MeasurementFilter]
 
 
 def _between(failed: TuningRequest, held: TuningRequest) -> list[TuningRequest]:
-    """A design in time halfway from the last that failed to the first that holds: the shares of max |S| are coarse."""
+    """A time-domain design halfway from the last that failed to the first that holds: shares of max |S| are coarse."""
     if held.method != "time" or failed.ms_max is None or held.ms_max is None:
         return []
     return [replace(held, ms_max=0.5 * (failed.ms_max + held.ms_max))]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from fopid_core.design.specification import TuningRequest, TuningResult
 
 BY_NOISE = ("noise_density", "noise_rms_max", "filter_order")
-"""Fields of a request by which a design in time is kept quiet."""
+"""Fields of a request by which a time-domain design is kept quiet."""
 
 
 @dataclass(frozen=True)

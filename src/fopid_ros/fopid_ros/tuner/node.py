@@ -61,7 +61,7 @@ if TYPE_CHECKING:  # what learns needs scipy: it is loaded by the first request,
 PERIOD = 1.0
 """Between two questions whether a look at the loop is due [s, on a steady clock]."""
 QUIETER = 2
-"""How often a design in time is made anew since noise would move the control too far."""
+"""How often a time-domain design is made anew since noise would move the control too far."""
 BUSY = "busy with another request; ask again when it is answered"
 
 

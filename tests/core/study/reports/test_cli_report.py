@@ -50,7 +50,7 @@ def test_report_as_json_is_one_object_with_every_segment(bag: Path, tmp_path: Pa
     assert first == second
     assert (first["whole"], [segment["name"] for segment in first["segments"]]) == (
         True,
-        ["starting gains", "tuned by frequency", "load disturbance", "tuned in time"],
+        ["starting gains", "tuned by frequency", "load disturbance", "tuned in the time domain"],
     )
     assert first["segments"][2]["overshoot_pct"] is None
     assert first["segments"][3]["gains"]["mu"] == 1.1

@@ -85,7 +85,8 @@ def test_the_page_is_well_formed(outline: Outline) -> None:
 def test_the_page_says_what_was_run_and_how_it_went(outline: Outline) -> None:
     for words in (
         "demo on P1", "P(s) = 1/(s+1) 3", "120 s", "2,400", "0.05 s", "fopid_core 1.2.3", "control_max: 10.0",
-        "starting gains", "tuned by frequency", "load disturbance", "tuned in time", "C(s) = 1.27 + 0.532 s −0.982",
+        "starting gains", "tuned by frequency", "load disturbance", "tuned in the time domain",
+        "C(s) = 1.27 + 0.532 s −0.982",
         "Ms", "phase margin", "crossover", "delay margin",
     ):  # fmt: skip
         assert words in outline.text, words

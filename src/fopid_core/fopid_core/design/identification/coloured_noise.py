@@ -76,12 +76,11 @@ class WhitenedRunawayResponse(_Whitened, RunawayResponse):
     """The response of a process that runs away, behind a filter: its slopes are differences of what is behind it."""
 
 
-def fit_in_coloured_noise(record: Record, found: Fit, rows: Booleans) -> tuple[Fit, Fit]:
+def fit_in_coloured_noise(found: Fit, rows: Booleans) -> tuple[Fit, Fit]:
     """The fit to an evenly spaced record, made on some of its samples, as it is and behind the filter.
 
     Parameters
     ----------
-    record : Record
     found : Fit
         One that takes the noise for white, to all samples of the record.
     rows : ndarray of bool, shape (n,)

@@ -117,7 +117,8 @@ class Search:
         if self.dead_band and (refusal or self._leaves_much(best)) and (freed := self._without_friction(record, best)):
             return freed
         found = Found(models + runaways, best, refusal)
-        return self._beside_wandering_loads(record, found) if refusal and self.everything and self.disturbances else found
+        wider = self.everything and self.disturbances
+        return self._beside_wandering_loads(record, found) if refusal and wider else found
 
     def _held_instead(self, record: Record, rough: Fit, behind: Found) -> Found | None:
         """A process that runs away, where it leaves noise alone and a dead band more: play may pass for its loop."""
@@ -200,10 +201,10 @@ def _in_coloured_noise(
     if not matters or not every:
         return best
     judges = validation_samples(found.rows.size)
-    plain, white = fit_in_coloured_noise(record, found, np.ones_like(judges))
+    plain, white = fit_in_coloured_noise(found, np.ones_like(judges))
     if seen is not None and contradicts(seen, plain.process):
         return best
-    trained, _ = fit_in_coloured_noise(record, found, ~judges)
+    trained, _ = fit_in_coloured_noise(found, ~judges)
     model = judged(plain, white, fit_pct(plain.response.measurement[judges], trained.residual[judges]), record.span)
     return model if model.whiteness.white and model.fit_pct >= LEAST_FIT_IN_NOISE else best
 

@@ -166,11 +166,11 @@ def refusal_beside_the_setpoint(record: Record, best: IdentifiedModel) -> str:
 
 
 def _missed_of_setpoint(record: Record, best: IdentifiedModel, setpoint: Floats) -> float:
-    """Of what it has moved, the share that a model misses; of one in noise with memory, behind what makes that white."""
-    response = best.white.response
-    if isinstance(response, WhitenedResponse) and response.record.setpoint is not None:
-        half, seen = ANSWERS / best.crossover, response.record
-        return missed_in_surprises(seen, best.white.residual, response.whitening, seen.setpoint, half)
+    """Of what it has moved, the share that a model misses; where noise has memory, behind what makes that white."""
+    response, moved_by = best.white.response, best.white.response.record.instrument
+    if isinstance(response, WhitenedResponse) and moved_by is not None:
+        half = ANSWERS / best.crossover
+        return missed_in_surprises(response.record, best.white.residual, response.whitening, moved_by, half)
     time, measurement, explained = best.simulated
     half = min(max(half_hold(record, setpoint), ANSWERS / best.crossover), record.span / MANY_HALVES)
     return missed_share(record, time, measurement, measurement - explained, setpoint, half)

@@ -11,7 +11,6 @@ anything is sampled in time, so nothing grows.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import product
 
 import numpy as np

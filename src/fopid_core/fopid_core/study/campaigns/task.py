@@ -74,7 +74,7 @@ def _rows(campaign: Campaign, group: Group, variations: Floats) -> dict[str, Any
 
 
 def default_horizon(process: Process) -> float:
-    """As in tuning in time: some radians of the process's own frequency, or some delays [s]."""
+    """As in time-domain tuning: some radians of the process's own frequency, or some delays [s]."""
     return max(TURNS / natural_crossover(process, PHASE_MARGIN), DELAYS * process.delay)
 
 

@@ -1,4 +1,4 @@
-"""The demonstration's experiment, for any process: step and load before, tuned in time; again; tuned by frequency."""
+"""The demonstration's experiment, for any process: step and load by hand, tuned in the time domain, by frequency."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from fopid_core.study.experiments.tune_call import TuneCall
 
 SAMPLES_PER_PHASE = 3000
 NOISE_GAIN = 10.0
-"""What tuning in time may do to noise, in times of what the PI does: as the usual filter of a PID's derivative."""
+"""What time-domain tuning may do to noise, in times of what the PI does: as the usual filter of a PID's derivative."""
 PATIENCE = 100.0
-"""What tuning in time may take, beside nodes that run as fast as they can [s]: two cores busy with more need it."""
+"""What time-domain tuning may take, beside nodes that run as fast as they can [s]: two cores busy with more need it."""
 PAPER_SPECIFICATIONS = {"P1": (80.0, 0.3), "P2": (80.0, 1.0), "P3": (80.0, 0.1), "P4": (80.0, 1.0)}
 """Phase margin [deg] and crossover [rad/s] of the paper's Table 3."""
 
 
 def demo_experiment(source: str, trigger: str = "lockstep") -> Experiment:
-    """Step and load with a PI by hand, the same tuned in time with no more control, and a step tuned by frequency.
+    """Step and load with a PI by hand, tuned in the time domain with no more control, and a step tuned by frequency.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def demo_experiment(source: str, trigger: str = "lockstep") -> Experiment:
         phases=(
             Phase("starting gains", stretch, setpoint=1.0, disturbance=0.0),
             Phase("load disturbance", stretch, disturbance=load),
-            Phase("tuned in time", stretch, setpoint=2.0, tune=in_time),
+            Phase("tuned in the time domain", stretch, setpoint=2.0, tune=in_time),
             Phase("load taken away", stretch, disturbance=0.0),
             Phase("tuned by frequency", stretch, setpoint=3.0, tune=frequency),
         ),

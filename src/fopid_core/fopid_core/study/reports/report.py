@@ -58,7 +58,7 @@ _PROCESS = "The process behind its held control: what the run shows without a mo
 _ORIGINS = {
     "start": "starting gains",
     "frequency": "tuned by frequency",
-    "time": "tuned in time",
+    "time": "tuned in the time domain",
     "rule": "tuned by a rule",
     "by hand": "set by hand",
 }

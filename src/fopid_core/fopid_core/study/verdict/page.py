@@ -191,8 +191,9 @@ def _paper(paper: Sequence[Row]) -> str:
     claims: dict[str, Callable[[Mapping[str, Any]], bool]] = {
         "designs by frequency spread the overshoot less when the gain is half to double":
             lambda row: row["spread by frequency"] < row["spread by time"],
-        "designs in time reject loads better (IAE)": lambda row: row["load IAE by time"] < row["load IAE by frequency"],
-        "designs in time ask for a larger control at the step":
+        "time-domain designs reject loads better (IAE)":
+            lambda row: row["load IAE by time"] < row["load IAE by frequency"],
+        "time-domain designs ask for a larger control at the step":
             lambda row: row["peak by time"] > row["peak by frequency"],
     }  # fmt: skip
     rows = [[words, share(np.array([holds(row) for row in paper]))] for words, holds in claims.items()]

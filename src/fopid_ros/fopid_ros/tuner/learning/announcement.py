@@ -90,10 +90,10 @@ def planned(
         watching = f"watching: for {watched:.3g} s; the gains from before come back if the loop gets worse"
         return [rest, f"applying: {trial.design.gains}, on trial", watching], experiment.rest_window + watched
     methods = (
-        "the method asked for, PI, PID and FOPID in time, and rules"
+        "the method asked for, PI, PID and FOPID in the time domain, and rules"
         if request.criteria.compare
         else f"method {request.criteria.tuning.method}"
-        + (", and beside it PI, PID and FOPID in time, and rules" if request.propose_only else "")
+        + (", and beside it PI, PID and FOPID in the time domain, and rules" if request.propose_only else "")
     )
     lines = [
         rest, *experiment.plan, "identifying: models are fitted and judged on a part of the record held back",
