@@ -96,6 +96,10 @@ def test_degrees_and_radians_ask_for_the_same() -> None:
     [
         (lambda: fopid.tune(PLANT, phasemargin=1.0), "did you mean phase_margin"),
         (lambda: fopid.simulate("P1", GAINS, contol_max=1.0), "did you mean control_max"),
+        (lambda: fopid.front("P1", ms_maxx=2.0), "ms_maxx is no argument here; did you mean ms_max"),
+        (lambda: fopid.limit("P1", msmax=2.0), "msmax is no argument here; did you mean ms_max"),
+        (lambda: fopid.tune("P1", ms_max="1.6"), "ms_max = '1.6'; allowed: a number"),  # type: ignore[arg-type]
+        (lambda: fopid.tune("P1", phase_margin_deg="60"), "phase_margin_deg = '60'; allowed: a number"),
         (lambda: fopid.margins("P1"), "no controller"),
         (lambda: fopid.margins(3.0, GAINS), "process of type float"),  # type: ignore[arg-type]
         (lambda: fopid.margins("P1", [1, 2, 3, 1, 1, 7]), "kp, ki, kd, lam, mu"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fopid_core.api.reading import as_process
+from fopid_core.api.reading import as_process, refuse_unknown_of
 from fopid_core.design.comparison import compare as comparing
 
 if TYPE_CHECKING:
@@ -65,4 +65,5 @@ def front(process: ProcessLike, structure: str = "fopid", points: int = 200, **o
     """
     from fopid_core.design.front.front import front as following
 
+    refuse_unknown_of(following, options)
     return following(as_process(process), structure, points, **options)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from fopid_core.design.reduction import ReducedModel
 
 _FREQUENCY = {"phase_margin", "crossover", "t_max", "s_max", "via", "criterion"}
+_NUMBERS = {"phase_margin_deg"} | {field.name for field in fields(TuningRequest) if str(field.type).startswith("float")}
 _OPTIONS = tuple(field.name for field in fields(TuningRequest) if field.name not in ("process", "method"))
 
 
@@ -50,6 +51,9 @@ def tune(process: ProcessLike, method: str | None = None, **options: Any) -> Tun
     >>> result.success, round(result.achieved.phase_margin_deg, 3)
     (True, 80.0)
     """
+    for name in _NUMBERS & options.keys():
+        if isinstance(options[name], str):
+            raise InputError(f"{name} = {options[name]!r}; allowed: a number")
     if "phase_margin_deg" in options:
         if "phase_margin" in options:
             raise InputError("phase_margin and phase_margin_deg; allowed: one of them")

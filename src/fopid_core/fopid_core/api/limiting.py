@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fopid_core.api.reading import as_process
+from fopid_core.api.reading import as_process, refuse_unknown_of
 from fopid_core.design.limit import limit as limiting
 
 if TYPE_CHECKING:
@@ -34,4 +34,5 @@ def limit(process: ProcessLike, index: str = "iae", **asked: Any) -> limiting.Li
     >>> limit("1/(s+1)*exp(-0.5s)", input="setpoint").bound
     0.5
     """
+    refuse_unknown_of(limiting.limit, asked)
     return limiting.limit(as_process(process), index, **asked)

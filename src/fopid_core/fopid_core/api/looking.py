@@ -54,6 +54,16 @@ def step_response(
 def margins(process: ProcessLike | Loop, controller: ControllerLike | None = None) -> Margins:
     """Margins and sensitivity peaks of a loop.
 
+    Parameters
+    ----------
+    process, controller
+        As for `step_response`.
+
+    Returns
+    -------
+    Margins
+        ``gain_margin`` as a factor, ``phase_margin`` [rad], ``crossover`` [rad/s], ``delay_margin`` [s], ``ms``.
+
     Examples
     --------
     >>> round(margins("1/(s+1)^3", [2]).gain_margin, 6)
@@ -66,6 +76,16 @@ def margins(process: ProcessLike | Loop, controller: ControllerLike | None = Non
 
 def stability(process: ProcessLike | Loop, controller: ControllerLike | None = None) -> Stability:
     """Whether a loop is stable, by the argument principle, and how many unstable poles it has.
+
+    Parameters
+    ----------
+    process, controller
+        As for `step_response`.
+
+    Returns
+    -------
+    Stability
+        ``stable``, ``decided`` and ``unstable_poles``; the reason where it could not be decided.
 
     Examples
     --------
@@ -81,6 +101,16 @@ def evaluate(
     process: ProcessLike | Loop, controller: ControllerLike | None = None, horizon: float | None = None
 ) -> Evaluation:
     """Everything about a loop in one answer: stability, margins, indices of a setpoint step.
+
+    Parameters
+    ----------
+    process, controller, horizon
+        As for `step_response`.
+
+    Returns
+    -------
+    Evaluation
+        What is not known is NaN, with the reason.
 
     Examples
     --------

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from inspect import signature
 from typing import TYPE_CHECKING, TypeAlias, cast
 
 from fopid_core.errors import InputError, did_you_mean
@@ -94,3 +95,8 @@ def refuse_unknown(given: Sequence[str], known: Sequence[str]) -> None:
     for name in given:
         if name not in known:
             raise InputError(f"{name} is no argument here{did_you_mean(name, known)}; allowed: {', '.join(known)}")
+
+
+def refuse_unknown_of(function: Callable[..., object], given: Iterable[str]) -> None:
+    """Refuse the first name that a function does not take; its process does not count."""
+    refuse_unknown(tuple(given), tuple(signature(function).parameters)[1:])

@@ -175,7 +175,7 @@ class FlawTrial:
                 yield larger, self._error(self._running, larger, UNPACED)
 
     def pace(self, loop: Loop) -> Pace:
-        """What a controller is best held to before an actuator that is slow; no limits before one that is not.
+        """The limits on its moves that a controller is best run with where the actuator is slow; none where it is not.
 
         That is a ramp of the setpoint alone where gains may be used with that, but not at the actuator's pace.
         """
@@ -190,7 +190,7 @@ class FlawTrial:
         return both if self.refusal(loop, ramp) else ramp
 
     def ramp(self, loop: Loop) -> Pace:
-        """How fast the setpoint is best moved before an actuator that is slow; no limit where that gains little."""
+        """How fast the setpoint is best moved where the actuator is slow; no limit where that gains little."""
         if not self._steps:
             return UNPACED
         steps = [step for step, _ in self._steps if step.gain == 1.0]
@@ -266,7 +266,7 @@ class FlawTrial:
 
 
 def _allowed(move: _Move) -> float:
-    """How many times the error of what runs may be left."""
+    """The largest ratio of a design's error to that of the gains that run."""
     return MOST_LEFT if move.gain > 1.0 else WORSE
 
 

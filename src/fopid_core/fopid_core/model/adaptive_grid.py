@@ -10,6 +10,7 @@ from fopid_core.model.arrays import Complexes, Floats
 
 _LARGEST_CHANGE = 0.5  # of the value's logarithm between neighbours: rad of phase, or ln of gain
 _MOST_HALVINGS = 30
+_MOST_RIDDERS_STEPS = 60
 _MOST_POINTS = 30_000  # more are asked for only by a curve that is nothing but rounding
 _ROOT = 1e-14  # of a bracket, where a root is found
 
@@ -80,7 +81,7 @@ def roots(curve: Callable[[Floats], Floats], left: Floats, right: Floats, tolera
     if left.size == 0:
         return left
     low, high = curve(left), curve(right)
-    for _ in range(_MOST_HALVINGS + _MOST_HALVINGS):
+    for _ in range(_MOST_RIDDERS_STEPS):
         middle = 0.5 * (left + right)
         value = curve(middle)
         root = np.sqrt(value**2 - low * high)

@@ -33,7 +33,8 @@ class Fopid:
     Attributes
     ----------
     kp, ki, kd : float
-        Proportional, integral and derivative gain, up to 1e100 in size.
+        Proportional, integral and derivative gain, up to 1e100 in size, in units of the control over those of the
+        error: kp as it is, ki times 1/s^lam, kd times s^mu, s in seconds.
     lam, mu : float
         Order of the integral and of the derivative, each in [0, 2].
 

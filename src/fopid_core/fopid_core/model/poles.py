@@ -8,7 +8,7 @@ that are known by deflation (Maehly 1954), finds them. They are believed only wh
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -221,10 +221,10 @@ def _delay_matters_until(function: QuasiPolynomial, path: Path, z: Floats) -> fl
 
 
 def _ends(function: QuasiPolynomial, path: Path) -> tuple[float, float]:
-    grown = QuasiPolynomial.of(t for t in function.terms)
+    grown = function
     if not math.isinf(path.line):
-        sizes = {id(t): t.coefficient * _grown(path, t.delay) for t in function.terms}
-        grown = QuasiPolynomial(tuple(type(t)(t.order, t.delay, sizes[id(t)]) for t in function.terms))
+        terms = (replace(t, coefficient=t.coefficient * _grown(path, t.delay)) for t in function.terms)
+        grown = QuasiPolynomial(tuple(terms))
     high = math.log(max(fast_rate(grown), 1e-300)) + 2.0
     constant = abs(function.sum_of_order(0.0))
     low = high - 4.0

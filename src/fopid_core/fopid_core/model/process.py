@@ -30,8 +30,9 @@ TEST_BENCH = {
 """The paper's higher order test bench, eqs. (12) to (15)."""
 
 COEFFICIENT_RANGE = (1e-100, 1e100)
+"""Sizes of the numbers of a process: beyond them products are no numbers any more."""
 DELAY_RANGE = (1e-12, 1e12)
-"""Sizes of the numbers of a process, and delays [s]: beyond them products are no numbers any more."""
+"""Delays of a process [s], for the same reason."""
 
 
 @dataclass(frozen=True)
@@ -192,11 +193,17 @@ class Process:
     def __rmul__(self, other: float) -> Process:
         return self * other
 
-    def __truediv__(self, other: float) -> Process:
-        return self.scaled(1.0 / other)
+    def __truediv__(self, other: Process | float) -> Process:
+        """By a gain, or by another process: the quotient must be proper and must not look into the future."""
+        if not isinstance(other, Process | float | int):
+            return NotImplemented
+        other = _process(other)
+        return Process(self.numerator * other.denominator, self.denominator * other.numerator)
 
     def __add__(self, other: Process | float) -> Process:
         """Parallel connection, or a direct path."""
+        if not isinstance(other, Process | float | int):
+            return NotImplemented
         other = _process(other)
         if self.denominator == other.denominator:
             return Process(self.numerator + other.numerator, self.denominator)
@@ -209,7 +216,7 @@ class Process:
         return self.scaled(-1.0)
 
     def __sub__(self, other: Process | float) -> Process:
-        return self + (-_process(other))
+        return self + (-_process(other) if isinstance(other, Process | float | int) else other)
 
     def __rsub__(self, other: float) -> Process:
         return _process(other) - self
@@ -243,7 +250,7 @@ class Process:
         if len(self.numerator.terms) > 1:
             numerator = f"({numerator})"
         body = numerator if str(self.denominator) == "1" else f"{numerator}/({self.denominator})"
-        return f"{body} * exp(-{number_text(delay)}s)" if delay else body
+        return f"{body} * exp({number_text(-delay)}s)" if delay else body
 
 
 def _check_size(process: Process, name: str, size: float, allowed: tuple[float, float]) -> None:

@@ -56,7 +56,7 @@ class FopidController:
         self._arguments: tuple[Band, float, float, bool] | None = None
         self._filter: RunningFilter | None = None
         self._filtered = 0.0  # the measurement behind its filter
-        self._shorter = 1.0  # the sample time over an interval that is longer
+        self._interval_ratio = 1.0  # the sample time over the last interval, at most 1
         self._operators: Operators
         self._install(settings)
         self.reset()
@@ -279,7 +279,7 @@ class FopidController:
         # By hand the control moves at each tick, also in ``wait``.
         moving = interval if self.state.mode == "auto" else settings.sample_time
         self._control_move_max = settings.control_rate_max * moving
-        self._shorter = min(1.0, settings.sample_time / interval)
+        self._interval_ratio = min(1.0, settings.sample_time / interval)
         if self._filter is not None:
             self._filter.set_interval(interval)
 
@@ -413,7 +413,7 @@ class FopidController:
             self._filter.rest_at(self._filtered)
 
     def _catch_up(self) -> None:
-        """That the filter of the measurement lagged behind is no jump of the measurement, nor of the error."""
+        """Bring the filtered measurement up to the measurement, without a step of the error or of the derivative."""
         state = self.state
         state.error += self._error(state.setpoint, state.measurement) - self._error(state.setpoint, self._filtered)
         self._shift -= state.measurement - self._filtered
@@ -450,7 +450,7 @@ class FopidController:
         if self.state.mode == "manual":
             integrated = correction = 0.0
         elif correction and (tracks or not self._conditioned):
-            integrated, correction = error + self._shorter * self._tracking_gain * correction, 0.0
+            integrated, correction = error + self._interval_ratio * self._tracking_gain * correction, 0.0
         return integrated, changing, correction
 
     def _windup_excess(self, excess: float) -> float:

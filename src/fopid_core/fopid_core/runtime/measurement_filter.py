@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopid_core.model.two_degrees import MeasurementFilter
+from fopid_core.runtime.sampled_derivative import ramp_share
 
 Complexes = NDArray[np.complex128]
-
-_SMALL = 1e-3  # of p h, where the closed form loses digits
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class FilterStep:
         pole, gain = (1.0, 1.0) if wanted.order == 1 else (1.0 - 1.0j, -2.0j)
         ratio = pole * sample_time / wanted.time
         decay, whole = np.exp(-ratio), -np.expm1(-ratio) / pole
-        new = _ramp_share(ratio) * sample_time / wanted.time
+        new = complex(ramp_share(np.array([ratio]))[0]) * sample_time / wanted.time
         return FilterStep(complex(decay), complex(gain * (whole - new)), complex(gain * new))
 
     def response(self, z: Complexes) -> Complexes:
@@ -92,10 +91,3 @@ class RunningFilter:
         self._x = step.decay * self._x + step.from_last * self._last + step.from_new * now
         self._last = now
         return self.origin + self._x.real
-
-
-def _ramp_share(ratio: complex) -> complex:
-    """(r - 1 + exp(-r)) / r^2: what the lag keeps of an input that ramps from 0 to 1."""
-    if abs(ratio) < _SMALL:
-        return 0.5 - ratio / 6.0 + ratio**2 / 24.0
-    return complex((ratio + np.expm1(-ratio)) / ratio**2)

@@ -1,7 +1,7 @@
 """What moves of the input of long ago still do, for as long as one likes, with work that hardly grows.
 
 The older a move, the smoother the response to it: over any stretch no longer than its age it is a polynomial but for
-rounding. So the moves of such a stretch act together as a few at its nodes do (barycentric weights, as in the fast
+rounding. So the moves of such a stretch act together as a few at its nodes do (Chebyshev interpolation, as in the fast
 multipole method; Greengard & Rokhlin 1987), and of two neighbouring stretches one is made when they are old enough.
 """
 

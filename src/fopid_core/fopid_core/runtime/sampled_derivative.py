@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,9 +144,9 @@ def lag_weights(time: float, sample_time: float) -> tuple[float, float, float]:
     return decay, 1.0 - decay - from_new, from_new
 
 
-def ramp_share(ph: Vector) -> Vector:
+def ramp_share(ph: NDArray[Any]) -> NDArray[Any]:
     """(ph - 1 + exp(-ph)) / ph^2: what a lag keeps, per sample time, of an input that ramps from 0 to 1."""
-    small = ph < 1e-3
+    small = np.abs(ph) < 1e-3  # where the closed form loses digits
     safe = np.where(small, 1.0, ph)
     series = 0.5 - ph / 6.0 + ph**2 / 24.0
     return np.where(small, series, (safe + np.expm1(-safe)) / safe**2)

@@ -80,8 +80,9 @@ class ControllerSettings:
         While the control is limited, the controller remembers in place of the error the one its control could have
         followed (see ``antiwindup``): always, or under conditional integration only of errors that push further.
     tracking_time : float
-        0 for that. Otherwise only the integral gives way, as fast as this time [s] says: for actuators that follow
-        slowly. The tracking input works so in any case; 0 then stands for (kp/ki)^(1/lam).
+        0: anti-windup as ``antiwindup`` says. Otherwise the integral alone gives way, with this time constant [s], for
+        actuators that follow slowly. The tracking input always acts on the integral alone; for it 0 stands for
+        (kp/ki)^(1/lam).
     bumpless : bool
         On a change of the gains, whether the integral takes up the step between old and new reading.
     safe_control : float

@@ -370,7 +370,7 @@ class Autotuner:
         return pace, trial.refusal(new, pace)
 
     def _taken_back(self, outcome: Outcome, update: GainUpdate, against: str) -> Outcome:
-        update.take_back()
+        update.roll_back_or_raise()
         self._gain_update = update
         told = f"the previous gains are back, since with the new ones {against}"
         return replace(outcome, success=False, applied=False, rolled_back=True, message=told)

@@ -356,7 +356,7 @@ class GainUpdate:
             told += f"; {held_to(trial.design.pace)}" if trial.design.pace else ""
             told += f"; {counting_as_none(trial.design.deadband)}" if trial.design.deadband else ""
             return replace(applied, message=told)
-        self.take_back()
+        self.roll_back_or_raise()
         return replace(applied, success=False, applied=False, rolled_back=True,
                        message=f"the previous gains are back, since the loop got worse: {watch.reason}")  # fmt: skip
 
@@ -394,8 +394,8 @@ class GainUpdate:
             self._tap.set_tick_hook(None)
         return watch
 
-    def take_back(self) -> None:
-        """The gains from before, in place of those on trial.
+    def roll_back_or_raise(self) -> None:
+        """As `roll_back`; an error where other gains came meanwhile.
 
         Raises
         ------
