@@ -103,7 +103,7 @@ def test_a_cascade_that_does_not_listen_is_refused() -> None:
         check_cascade({"tracking.required": True, "tracking.enabled": False})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_position_integral_does_not_wind_up_while_the_torque_is_limited_and_without_tracking_it_does(
     graph: Graph, tmp_path: Path
 ) -> None:
@@ -123,7 +123,7 @@ def test_the_position_integral_does_not_wind_up_while_the_torque_is_limited_and_
     assert wired.axis.furthest - 13.0 < 0.5 * (blind.axis.furthest - 13.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_modes_change_without_a_bump_and_whichever_controller_dies_the_other_fails_safe(graph: Graph) -> None:
     cascade = Cascade(graph, "axis")
     cascade.arrives_at(1.0)

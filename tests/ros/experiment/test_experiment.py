@@ -82,7 +82,7 @@ def test_everything_an_experiment_can_do_equals_the_simulation_and_replays(tmp_p
     assert again.measurement.tolist() == trace.measurement.tolist()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_recorded_setpoint_is_replayed_through_the_nodes_and_only_what_is_asked_is_recorded(tmp_path: Path) -> None:
     first = Experiment("P1", (Phase("sine", 3.0, setpoint=Sine(1.0, 1.5)),), gains={"kp": 1.0, "ki": 0.3})
     ended = run(first, tmp_path / "first", "--no-report")

@@ -271,7 +271,7 @@ def test_a_plant_that_does_not_answer_is_refused(loops: Any) -> None:
     assert "off the setpoint" in result.message
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_gains_are_handed_over_with_a_proof_for_all_that_the_record_leaves_possible(loops: Any) -> None:
     loop = loops("reversed", {"kp": -0.5, "ki": -1.0}, **{"verify.region": "ellipsoid", "verify.worst_ms_max": 2.5})

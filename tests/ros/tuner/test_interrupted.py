@@ -113,7 +113,7 @@ def test_leaving_the_active_state_ends_an_autotuning_first(loop: ForeignLoop, la
     assert "internal error" not in loop.graph.logs()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_leaving_while_new_gains_are_watched_puts_the_old_ones_back(loop: ForeignLoop) -> None:
     before = loop.gains()
     handle = loop.autotune(deviation_max=0.3, duration=8.0)

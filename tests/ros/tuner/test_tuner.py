@@ -81,7 +81,7 @@ def test_gains_are_judged_at_the_ticks_of_the_controller_that_runs_them(graph: G
     assert graph.get("fopid_controller", "kp") == [PI["kp"]]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_box_that_the_gains_do_not_bear_keeps_them_from_being_applied(graph: Graph) -> None:
     graph.start("fopid_controller", PI)
     start_tuner(graph, **{"verify.box": "K=1.5,2.5 L=0.4,0.6", "verify.ms_max": 2.5})
@@ -154,7 +154,7 @@ def test_a_joint_design_is_applied_with_its_filter_and_weights_at_once(graph: Gr
     assert results[1].previous_two_degrees == results[0].two_degrees == told
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_compare_tells_every_design_and_which_to_take(graph: Graph) -> None:
     graph.start("fopid_controller", PI)
     start_tuner(graph)

@@ -171,7 +171,7 @@ def test_where_there_is_none_none_is_found(noise: str, integrates: bool) -> None
         assert identify(recorded(lambda control, _: control, 100 + seed, noise, integrates)).flaws == Flaws()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_gains_from_a_record_are_for_the_process_behind_the_play_and_that_is_said() -> None:
     signals = recorded(play(0.1), 0)
     whole = tune_recorded(signals, "frequency")  # the flattest phase asks for an integral of a higher order

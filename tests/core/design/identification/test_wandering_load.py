@@ -42,7 +42,7 @@ def test_the_process_is_learnt_as_well_as_is_said(name: str) -> None:
     assert deviation < 0.2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_deviation_is_the_usual_error() -> None:
     """Root mean square over twenty days; with so many it lies between these in 998 of 1,000 cases."""
     day = Day(samples=2000)
@@ -64,7 +64,7 @@ def test_such_a_day_gives_gains_that_hold_the_plant() -> None:
     assert day.peak(tuning.controller, tuning.filter) < 2.2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_identify_says_what_it_explains_and_why_a_worse_day_is_refused() -> None:
     day = Day()
     found = identify(day.record(1))
@@ -92,7 +92,7 @@ def test_play_that_swallows_small_moves_is_learnt_beside_the_loads() -> None:
     assert abs(linear.process(1j * frequency) / day.response(frequency))[0] < 0.7
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_uneven_samples_and_longer_records_are_learnt_from_as_well() -> None:
     day = Day()
     record = day.record(1)

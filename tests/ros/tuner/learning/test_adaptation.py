@@ -76,7 +76,7 @@ def test_new_gains_are_designed_for_the_noise_of_the_record_also_where_it_never_
     assert sensor_of(record, identify(record)).level == pytest.approx(0.01, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_a_process_whose_gain_doubles_and_whose_delay_grows_is_retuned_for(working: Any) -> None:
     loop = working(adapt="apply")
