@@ -104,7 +104,8 @@ def identify(
     disturbances : bool
         Whether steps of a load are looked for, and noise may have memory.
     unstable : bool
-        Whether ``all`` looks for processes that run away, where nothing else explains the record.
+        Whether ``all`` looks for processes that run away, or beside loads that wander, where nothing else explains the
+        record: either takes long.
 
     Returns
     -------

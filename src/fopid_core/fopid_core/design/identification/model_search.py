@@ -117,7 +117,7 @@ class Search:
         if self.dead_band and (refusal or self._leaves_much(best)) and (freed := self._without_friction(record, best)):
             return freed
         found = Found(models + runaways, best, refusal)
-        wider = self.everything and self.disturbances
+        wider = self.everything and self.disturbances and self.unstable
         return self._beside_wandering_loads(record, found) if refusal and wider else found
 
     def _held_instead(self, record: Record, rough: Fit, behind: Found) -> Found | None:
