@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import fftconvolve
 
+from fopid_core.design.identification.coloured_noise import WhitenedResponse
 from fopid_core.design.identification.flaws import Flaws, joined
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult, identify
@@ -69,8 +70,9 @@ def learn(record: Record, template: str, count: int, seed: int) -> Learnt:
         return Learnt(first, flaws, None, record)
     # A load that steps is not to pass for a drift.
     start = replace(first.best.start, ramp=False)
-    fitted = WhiteFit(first, bare, np.ones(1))
-    if first.best.start.ramp:
+    response = first.best.white.response
+    fitted = WhiteFit(first, bare, response.whitening if isinstance(response, WhitenedResponse) else np.ones(1))
+    if first.best.start.ramp or fitted.whitener.size > 1:
         fitted = fitted.again(bare, start)
     for _ in range(_WHITENINGS + 1):
         for _ in range(_ROUNDS):
@@ -128,9 +130,11 @@ def _begun(record: Record, template: str) -> tuple[IdentificationResult, Flaws, 
     found = identify(record, noise=noise)
     if not found.success or found.best is None:
         return alone, flaws, loads, record
+    behind = replace(found.flaws, centre=flaws.centre)
+    bare = behind.of_record(record)
+    if found.best.wanders and bare.is_regular and found.best.fitted.response.time.size == bare.time.size:
+        return found, behind, loads, bare
     if found.flaws.dead_band and math.isinf(found.flaws.rate):
-        behind = replace(found.flaws, centre=flaws.centre)
-        bare = behind.of_record(record)
         first = identify(bare, template, disturbances=False)
         if first.success:
             return first, behind, loads, bare
