@@ -93,7 +93,11 @@ def learn(record: Record, template: str, count: int, seed: int) -> Learnt:
         return Learnt(replace(first, success=False, message=told), flaws, None, record)
     others = drawn(record, fitted.best, start, flaws, loads.starts, fitted.whitener, count, seed)
     possible = Possible((fitted.best.process, *others.processes), joined([flaws, others.flaws]))
-    return Learnt(fitted.identified, flaws, possible, fitted.record)
+    identified = fitted.identified
+    if first.best.wanders:  # behind the filter hardly anything is explained
+        best = replace(fitted.best, fit_pct=first.best.fit_pct, wanders=True)
+        identified = replace(identified, message=first.message, best=best)
+    return Learnt(identified, flaws, possible, fitted.record)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from scipy.signal import cont2discrete
 from fopid_core.design.identification.record import Record
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.two_degrees import MeasurementFilter
+from fopid_core.runtime.controller import ControllerSettings, FopidController
 
 
 @dataclass(frozen=True)
@@ -31,12 +32,18 @@ class Day:
     hops: float = 0.0  # of the load, three in a day
     strength: float = 0.4  # of the controller
 
-    def record(self, seed: int) -> Record:
+    def gains(self, times: float = 1.0) -> Fopid:
+        """Of the PI controller, so many times as strong."""
+        kp = times * self.strength * sum(self.lags) / (self.gain * (2.0 * self.delay * self.h + self.lags[1]))
+        return Fopid(kp, kp / sum(self.lags))
+
+    def record(self, seed: int, gains: Fopid | None = None) -> Record:
+        """The same loads and noise for a seed, whatever the gains."""
         rng, (first, second) = np.random.default_rng(seed), self.lags
         a = np.array([[-1.0 / first, 0.0], [1.0 / second, -1.0 / second]])
         system = a, np.array([[self.gain / first], [0.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1))
         a, b, *_ = cont2discrete(system, self.h, "zoh")
-        kp = self.strength * sum(self.lags) / (self.gain * (2.0 * self.delay * self.h + second))
+        controller = FopidController(ControllerSettings(gains or self.gains(), self.h))
         setpoint = np.zeros(self.samples)
         for k, move in enumerate(self.moves):
             setpoint[round((k + 0.6) / len(self.moves) * self.samples) :] += move
@@ -44,11 +51,10 @@ class Day:
             self.hops * rng.standard_normal(self.samples) * (rng.random(self.samples) < 3.0 / self.samples)
         )
         sine = self.sine * np.sin(2.0 * math.pi * self.h / (40.0 * max(self.lags)) * np.arange(self.samples))
-        x, integral, walked, stem, arriving, rows = np.zeros(2), 0.0, 0.0, 0.0, [0.0] * self.delay, []
+        x, walked, stem, arriving, rows = np.zeros(2), 0.0, 0.0, [0.0] * self.delay, []
         for wanted, load in zip(setpoint.tolist(), (hops + sine).tolist(), strict=True):
             measured = float(x[1]) + self.noise * rng.standard_normal()
-            integral += kp * self.h / sum(self.lags) * (wanted - measured)
-            control = kp * (wanted - measured) + integral
+            control = controller.step(wanted, measured)
             rows.append((control, measured))
             walked += self.walk * math.sqrt(self.h) * rng.standard_normal()
             stem = min(max(stem, control - self.play), control + self.play) if self.play else stem

@@ -118,7 +118,8 @@ class Search:
             return freed
         found = Found(models + runaways, best, refusal)
         wider = self.everything and self.disturbances and self.unstable
-        return self._beside_wandering_loads(record, found) if refusal and wider else found
+        doubtful = bool(refusal) or (best.structure.runs_away and best.in_coloured_noise)
+        return self._beside_wandering_loads(record, found) if doubtful and wider else found
 
     def _held_instead(self, record: Record, rough: Fit, behind: Found) -> Found | None:
         """A process that runs away, where it leaves noise alone and a dead band more: play may pass for its loop."""
@@ -152,11 +153,16 @@ class Search:
         return None if found.refusal or (self._leaves_much(found.best) and not is_judged) else found
 
     def _beside_wandering_loads(self, record: Record, found: Found) -> Found:
-        """A process beside loads that wander, where that explains some of what moved the loop from outside."""
+        """A process beside loads that wander, where that explains some of what moved the loop from outside.
+
+        In place of one that is refused, or that runs away in noise with memory: such loads pass for that.
+        """
         best = beside_wandering_loads(record, dead_band=self.dead_band)
         if best is None or best.fit_pct <= 0.0:
             return found
         refusal = refusal_of(record, best, self.noise) or refusal_beside_the_setpoint(record, best)
+        if refusal and not found.refusal:
+            return found
         return Found((*found.models, best), best, refusal)
 
     def _behind_dead_band(self, record: Record, best: IdentifiedModel) -> Found | None:

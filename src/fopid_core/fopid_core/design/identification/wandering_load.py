@@ -8,6 +8,7 @@ since that can end anywhere, it begins at several delays, behind the autoregress
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +38,8 @@ _LOOK = 1024
 _STARTS, _FINISHED = 5, 2
 """Delays at which the search begins, and the best of these that it is gone on with."""
 _FIRST_ROUNDS, _MOST_ROUNDS, _EVALUATIONS = 3, 25, 6
+_HIGHEST_ORDER = 128
+"""Of the autoregression."""
 _BANDS = {HAS_PLAY: np.geomspace(0.01, 0.5, 20), STICKS: np.geomspace(0.01, 0.5, 40)}
 """Dead bands of the actuator that are looked for, as shares of the control's range in the record."""
 _SPEAKS = 5.0
@@ -75,7 +78,7 @@ def beside_wandering_loads(record: Record, *, dead_band: bool = True) -> Identif
     tried = [_turns(even, x, begin, _FIRST_ROUNDS) for x in _first_looks(even, begin)]
     tried.sort(key=lambda found: found[1].error)
     ends = [_turns(even, plain.x, _whitening(white), _MOST_ROUNDS) for plain, white in tried[:_FINISHED]]
-    plain, white = min(ends, key=lambda found: found[1].error)
+    plain, white = _of_higher_order(even, *min(ends, key=lambda found: found[1].error))
     flaws = Flaws()
     if dead_band and (behind := _behind_dead_band(even, plain, white)):
         flaws, plain, white = behind
@@ -98,6 +101,20 @@ def _turns(record: Record, x: Floats, whitening: Floats, most: int) -> tuple[Fit
     response = RecordResponse(record, structure_of(_STRUCTURE), start, MOST_SAMPLES)
     rows = np.ones(record.time.size, dtype=bool)
     return fit_in_turns(WhitenedResponse, response, x, whitening, rows, most, _EVALUATIONS)
+
+
+def _of_higher_order(record: Record, plain: Fit, white: Fit) -> tuple[Fit, Fit]:
+    """With an autoregression twice as long, and so on, as long as that pays (Akaike 1974).
+
+    Of a long record a short one would pull at the process by more than chance does.
+    """
+    order = _whitening(white).size - 1
+    while order < _HIGHEST_ORDER:
+        longer = _turns(record, plain.x, whitener(plain.residual - plain.residual.mean(), 2 * order), _MOST_ROUNDS)
+        if 2.0 * record.time.size * math.log(white.error / longer[1].error) < 2.0 * order:
+            break
+        (plain, white), order = longer, 2 * order
+    return plain, white
 
 
 def _behind_dead_band(record: Record, plain: Fit, white: Fit) -> tuple[Flaws, Fit, Fit] | None:
