@@ -23,6 +23,9 @@ BEYOND_CHANCE = 4.0
 """The instrument has moved the measurement when it explains so many times the power that it would explain by chance."""
 ANSWERS = 0.3
 """What a setpoint moves is looked at no closer than this over the crossover, however short it is held."""
+NO_CHANCE, SURELY = 2.5, 3.0
+"""What is missed is no chance any more where it has so many times that power (in 5 of 1,000 cases, of ten numbers); it
+then counts so many times."""
 MOST_MISSED = 0.3
 """The largest share of what the instrument has moved that a model may miss."""
 
@@ -81,7 +84,8 @@ def missed_share(
 def missed_in_surprises(record: Record, surprises: Floats, whitening: Floats, instrument: Floats, half: float) -> float:
     """The same of a model of an even record whose residual is white behind a filter: of what is left of all behind it.
 
-    Loads that wander hide what an instrument has moved; behind the filter they are as large as any surprise.
+    Loads that wander hide what an instrument has moved; behind the filter they are as large as any surprise. So there
+    chance is known, and what is missed beyond it counts more.
 
     Parameters
     ----------
@@ -103,9 +107,11 @@ def missed_in_surprises(record: Record, surprises: Floats, whitening: Floats, in
     filtered = np.stack([behind(mean) for mean in means], axis=1)
     basis = np.linalg.qr(filtered / max(float(np.abs(filtered).max()), 1e-300))[0]
     moved, missed = basis.T @ behind(record.measurement), basis.T @ surprises[first:]
-    if float(moved @ moved) < BEYOND_CHANCE * moved.size * float(np.mean(surprises[first:] ** 2)):
+    chance = moved.size * float(np.mean(surprises[first:] ** 2))
+    if float(moved @ moved) < BEYOND_CHANCE * chance:
         return math.inf
-    return float(np.linalg.norm(missed) / np.linalg.norm(moved))
+    share = float(np.linalg.norm(missed) / np.linalg.norm(moved))
+    return share * SURELY if float(missed @ missed) > NO_CHANCE * chance else share
 
 
 def half_hold(record: Record, instrument: Floats) -> float:

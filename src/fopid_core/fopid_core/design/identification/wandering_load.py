@@ -21,7 +21,6 @@ from fopid_core.design.identification.fit import Fit, fit
 from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identified_model import IdentifiedModel, judged
 from fopid_core.design.identification.initial_estimates import scan
-from fopid_core.design.identification.rate_limit import gained
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition, RecordResponse
 from fopid_core.design.identification.structure import structure_of
@@ -35,9 +34,12 @@ the root mean square error of 30 random days over the deviation without it."""
 _STRUCTURE = "soptd"
 _LOOK = 1024
 """Blocks of samples of a first look."""
-_STARTS, _FINISHED = 5, 2
-"""Delays at which the search begins, and the best of these that it is gone on with."""
-_FIRST_ROUNDS, _MOST_ROUNDS, _EVALUATIONS = 3, 25, 6
+_STARTS, _MOST_ROUNDS, _EVALUATIONS = 5, 25, 6
+"""Delays at which the search begins, and how long it goes on from each."""
+_AGREE, _AS_LIKELY, _ALIKE = 2, 5.0, 0.2
+"""From so many of these it must come to the same, within that of twice the logarithm of the likelihood and that share of
+the response at the crossover. On days that were learnt rightly it did from two or more of five; where it came to five
+different ends (a load that goes up and down regularly, next to no noise) the likeliest was wrong."""
 _HIGHEST_ORDER = 128
 """Of the autoregression."""
 _BANDS = {HAS_PLAY: np.geomspace(0.01, 0.5, 20), STICKS: np.geomspace(0.01, 0.5, 40)}
@@ -50,7 +52,7 @@ _GLANCE = 2
 
 
 def beside_wandering_loads(record: Record, *, dead_band: bool = True) -> IdentifiedModel | None:
-    """Two lags and a delay; None where nothing but the measurement is known to have moved the loop.
+    """Two lags and a delay; None where nothing is known to have moved the loop, or each search ends elsewhere.
 
     Parameters
     ----------
@@ -75,10 +77,16 @@ def beside_wandering_loads(record: Record, *, dead_band: bool = True) -> Identif
     if even.instrument is None:
         return None
     begin = whitener(even.measurement - even.measurement.mean(), LONG_ORDER)
-    tried = [_turns(even, x, begin, _FIRST_ROUNDS) for x in _first_looks(even, begin)]
-    tried.sort(key=lambda found: found[1].error)
-    ends = [_turns(even, plain.x, _whitening(white), _MOST_ROUNDS) for plain, white in tried[:_FINISHED]]
-    plain, white = _of_higher_order(even, *min(ends, key=lambda found: found[1].error))
+    ends = [_turns(even, x, begin) for x in _first_looks(even, begin)]
+    plain, white = min(ends, key=lambda found: found[1].error)
+    s = np.array([1j * judged(plain, white, 0.0, even.span).crossover])
+    same = [
+        _likelier(other, white) <= _AS_LIKELY and abs(found.process(s) / plain.process(s) - 1.0)[0] <= _ALIKE
+        for found, other in ends
+    ]
+    if sum(same) < _AGREE:
+        return None
+    plain, white = _of_higher_order(even, plain, white)
     flaws = Flaws()
     if dead_band and (behind := _behind_dead_band(even, plain, white)):
         flaws, plain, white = behind
@@ -96,11 +104,16 @@ def _whitening(white: Fit) -> Floats:
     return white.response.whitening
 
 
-def _turns(record: Record, x: Floats, whitening: Floats, most: int) -> tuple[Fit, Fit]:
+def _likelier(before: Fit, after: Fit) -> float:
+    """By how much twice the logarithm of the likelihood grows, of fits whose residuals are white."""
+    return 2.0 * after.residual.size * math.log(before.error / after.error)
+
+
+def _turns(record: Record, x: Floats, whitening: Floats) -> tuple[Fit, Fit]:
     start = InitialCondition(float(record.control[0]), step=True)
     response = RecordResponse(record, structure_of(_STRUCTURE), start, MOST_SAMPLES)
     rows = np.ones(record.time.size, dtype=bool)
-    return fit_in_turns(WhitenedResponse, response, x, whitening, rows, most, _EVALUATIONS)
+    return fit_in_turns(WhitenedResponse, response, x, whitening, rows, _MOST_ROUNDS, _EVALUATIONS)
 
 
 def _of_higher_order(record: Record, plain: Fit, white: Fit) -> tuple[Fit, Fit]:
@@ -110,8 +123,8 @@ def _of_higher_order(record: Record, plain: Fit, white: Fit) -> tuple[Fit, Fit]:
     """
     order = _whitening(white).size - 1
     while order < _HIGHEST_ORDER:
-        longer = _turns(record, plain.x, whitener(plain.residual - plain.residual.mean(), 2 * order), _MOST_ROUNDS)
-        if 2.0 * record.time.size * math.log(white.error / longer[1].error) < 2.0 * order:
+        longer = _turns(record, plain.x, whitener(plain.residual - plain.residual.mean(), 2 * order))
+        if _likelier(white, longer[1]) < 2.0 * order:
             break
         (plain, white), order = longer, 2 * order
     return plain, white
@@ -133,8 +146,8 @@ def _behind_dead_band(record: Record, plain: Fit, white: Fit) -> tuple[Flaws, Fi
     errors = [glance(felt) for felt in Flaws(dead_band=sizes, slip=slips).felt(record.control)]
     best = int(np.argmin(errors))
     flaws = Flaws(dead_band=float(sizes[best]), slip=float(slips[best]))
-    found = _turns(flaws.of_record(record), plain.x, _whitening(white), _MOST_ROUNDS)
-    return (flaws, *found) if gained(white, found[1]) >= _SPEAKS else None
+    found = _turns(flaws.of_record(record), plain.x, _whitening(white))
+    return (flaws, *found) if _likelier(white, found[1]) >= _SPEAKS else None
 
 
 def _first_looks(record: Record, whitening: Floats) -> list[Floats]:
