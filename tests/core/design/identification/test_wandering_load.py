@@ -111,6 +111,18 @@ def test_uneven_samples_and_longer_records_are_learnt_from_as_well() -> None:
     assert found.deviation < 0.2
 
 
+def test_of_few_samples_or_of_a_load_that_passes_for_the_process_it_is_not_known() -> None:
+    """A wave of a load, next to no noise: five searches came to five ends, the likeliest with a delay of 2,844 s."""
+    short = Day(samples=300).record(1)
+    assert beside_wandering_loads(short) is None
+    assert not identify(short.part(last=500.0)).success
+    wave = Day(
+        gain=-3.165, lags=(426.4, 286.3), delay=6, h=30.0, samples=6463, walk=0.0104, noise=0.008,
+        moves=(1.67, 1.67, 1.67), sine=3.0, strength=0.49,
+    )  # fmt: skip
+    assert beside_wandering_loads(wave.record(1053)) is None
+
+
 def test_without_anything_from_outside_it_is_not_known() -> None:
     record = Day(moves=()).record(1)
     assert beside_wandering_loads(record) is None

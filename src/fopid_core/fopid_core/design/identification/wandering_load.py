@@ -37,11 +37,11 @@ _LOOK = 1024
 _STARTS, _MOST_ROUNDS, _EVALUATIONS = 5, 25, 6
 """Delays at which the search begins, and how long it goes on from each."""
 _AGREE, _AS_LIKELY, _ALIKE = 2, 5.0, 0.2
-"""From so many of these it must come to the same, within that of twice the logarithm of the likelihood and that share of
-the response at the crossover. On days that were learnt rightly it did from two or more of five; where it came to five
-different ends (a load that goes up and down regularly, next to no noise) the likeliest was wrong."""
-_HIGHEST_ORDER = 128
-"""Of the autoregression."""
+"""From so many of these it must come to the same, within that of twice the logarithm of the likelihood, and within that
+share of the response at the crossover. On days that were learnt rightly it did from two or more of five; where it came
+to five different ends (a load that goes up and down regularly, next to no noise) the likeliest was wrong."""
+SAMPLES_EACH, _HIGHEST_ORDER = 10, 128
+"""So many samples for each number of the autoregression, and of these at most."""
 _BANDS = {HAS_PLAY: np.geomspace(0.01, 0.5, 20), STICKS: np.geomspace(0.01, 0.5, 40)}
 """Dead bands of the actuator that are looked for, as shares of the control's range in the record."""
 _SPEAKS = 5.0
@@ -74,7 +74,7 @@ def beside_wandering_loads(record: Record, *, dead_band: bool = True) -> Identif
     True
     """
     even = _of_interest(record)
-    if even.instrument is None:
+    if even.instrument is None or even.time.size < SAMPLES_EACH * LONG_ORDER:
         return None
     begin = whitener(even.measurement - even.measurement.mean(), LONG_ORDER)
     ends = [_turns(even, x, begin) for x in _first_looks(even, begin)]
@@ -106,7 +106,7 @@ def _whitening(white: Fit) -> Floats:
 
 def _likelier(before: Fit, after: Fit) -> float:
     """By how much twice the logarithm of the likelihood grows, of fits whose residuals are white."""
-    return 2.0 * after.residual.size * math.log(before.error / after.error)
+    return 2.0 * after.residual.size * math.log(max(before.error, 1e-300) / max(after.error, 1e-300))
 
 
 def _turns(record: Record, x: Floats, whitening: Floats) -> tuple[Fit, Fit]:
@@ -122,7 +122,7 @@ def _of_higher_order(record: Record, plain: Fit, white: Fit) -> tuple[Fit, Fit]:
     Of a long record a short one would pull at the process by more than chance does.
     """
     order = _whitening(white).size - 1
-    while order < _HIGHEST_ORDER:
+    while order < _HIGHEST_ORDER and 2 * order * SAMPLES_EACH <= record.time.size:
         longer = _turns(record, plain.x, whitener(plain.residual - plain.residual.mean(), 2 * order))
         if _likelier(white, longer[1]) < 2.0 * order:
             break
