@@ -21,6 +21,7 @@ from fopid_core.design.identification.record import Record, validation_samples
 from fopid_core.design.identification.refusal import (
     LEAST_FIT,
     LEAST_FIT_IN_NOISE,
+    REMEMBERS,
     explains_little,
     grows,
     refusal_beside_the_setpoint,
@@ -97,7 +98,12 @@ class Search:
         return rough_fit(record, _ROUGH, loads=self.disturbances)
 
     def of(self, record: Record, rough: Fit) -> Found:
-        """Models of a record, from a rough one on."""
+        """Models of a record, from a rough one on; beside loads that wander where others are in doubt."""
+        found = self._without_wandering(record, rough)
+        at_length = self.everything and self.disturbances and self.unstable and self.dead_band
+        return self._beside_wandering_loads(record, found) if at_length and _is_in_doubt(record, found) else found
+
+    def _without_wandering(self, record: Record, rough: Fit) -> Found:
         models, noise = _models(record, rough, self.structures), self.noise
         if self.everything and _miss_something(record, models, noise):
             models += _models(record, rough, [structure_of(name) for name in RICHER])
@@ -116,10 +122,7 @@ class Search:
             refusal = refusal_of(record, best, noise)
         if self.dead_band and (refusal or self._leaves_much(best)) and (freed := self._without_friction(record, best)):
             return freed
-        found = Found(models + runaways, best, refusal)
-        wider = self.everything and self.disturbances and self.unstable
-        doubtful = bool(refusal) or (best.structure.runs_away and best.in_coloured_noise)
-        return self._beside_wandering_loads(record, found) if doubtful and wider else found
+        return Found(models + runaways, best, refusal)
 
     def _held_instead(self, record: Record, rough: Fit, behind: Found) -> Found | None:
         """A process that runs away, where it leaves noise alone and a dead band more: play may pass for its loop."""
@@ -153,11 +156,8 @@ class Search:
         return None if found.refusal or (self._leaves_much(found.best) and not is_judged) else found
 
     def _beside_wandering_loads(self, record: Record, found: Found) -> Found:
-        """A process beside loads that wander, where that explains some of what moved the loop from outside.
-
-        In place of one that is refused, or that runs away in noise with memory: such loads pass for that.
-        """
-        best = beside_wandering_loads(record, dead_band=self.dead_band)
+        """A process beside loads that wander, where that explains some of what moved the loop from outside."""
+        best = beside_wandering_loads(record)
         if best is None or best.fit_pct <= 0.0:
             return found
         refusal = refusal_of(record, best, self.noise) or refusal_beside_the_setpoint(record, best)
@@ -190,6 +190,17 @@ def search_for(template: str, noise: float, disturbances: bool = True, unstable:
     names = tuple(TEMPLATE_STRUCTURES) if everything else tuple(template.split(","))
     structures = [structure_of(name) for name in names]
     return Search(structures, everything, noise, disturbances, everything and disturbances, unstable)
+
+
+def _is_in_doubt(record: Record, found: Found) -> bool:
+    """Whether loads that wander may have passed for what was found: none, or in the place of noise something else.
+
+    In normal operation they pass for lags, an actuator that sticks, or a process that runs away.
+    """
+    best = found.best
+    if found.refusal or (best.structure.runs_away and best.in_coloured_noise):
+        return True
+    return record.excitation is None and best.whiteness.correlation > REMEMBERS
 
 
 def _in_coloured_noise(
