@@ -14,6 +14,7 @@ from foreign_plants.gallery import GALLERY
 from judging import SEEDS, judge
 from virtual_loop import VirtualLoop
 
+from fopid_core.design.identification.record import Record
 from fopid_core.design.robust_verification import RobustLimits, RobustTuning
 from fopid_core.design.specification import TuningRequest
 from fopid_core.design.sufficiency import Sufficiency
@@ -180,8 +181,8 @@ def test_gains_that_are_far_livelier_are_told_with_what_they_were_learnt_within(
     loop.run(100.0)
     tuner = Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", CRITERIA, False), loop)  # type: ignore[arg-type]
     tuner._experiment.measure()
-    seen: Any = SimpleNamespace(measurement=np.zeros(0))
-    outcome = tuner._designed(tuner._gain_update, None, seen)  # type: ignore[arg-type]
+    time, noise = np.arange(100.0), np.random.default_rng(0).standard_normal(100)
+    outcome = tuner._designed(tuner._gain_update, None, Record(time, noise, noise))  # type: ignore[arg-type]
     assert ("far livelier than what ran, and learnt while the measurement was within" in outcome.message) == told
 
 

@@ -36,10 +36,11 @@ _LOOK = 1024
 """Blocks of samples of a first look."""
 _STARTS, _MOST_ROUNDS, _EVALUATIONS = 5, 25, 6
 """Delays at which the search begins, and how long it goes on from each."""
-_AGREE, _AS_LIKELY, _ALIKE = 2, 5.0, 0.2
+_AGREE, _AS_LIKELY, _ALIKE, _FAR_LESS = 2, 5.0, 0.2, 100.0
 """From so many of these it must come to the same, within that of twice the logarithm of the likelihood, and within that
-share of the response at the crossover. On days that were learnt rightly it did from two or more of five; where it came
-to five different ends (a load that goes up and down regularly, next to no noise) the likeliest was wrong."""
+share of the response at the crossover; or all others must be less likely by so much. On days that were learnt rightly
+it did from two or more of five; where it came to five different ends (a load that goes up and down regularly, next to
+no noise), the nearest less likely by 31, the likeliest was wrong."""
 SAMPLES_EACH, _HIGHEST_ORDER = 10, 128
 """So many samples for each number of the autoregression, and of these at most."""
 _BANDS = {HAS_PLAY: np.geomspace(0.01, 0.5, 20), STICKS: np.geomspace(0.01, 0.5, 40)}
@@ -67,8 +68,8 @@ def beside_wandering_loads(record: Record, *, dead_band: bool = True) -> Identif
     >>> from scipy.signal import lfilter
     >>> rng, time = np.random.default_rng(0), np.arange(3000.0)
     >>> control = np.repeat(rng.integers(0, 2, 30), 100).astype(float)
-    >>> wandering = np.cumsum(0.05 * rng.standard_normal(3000))
-    >>> measurement = lfilter([0.0, 0.1], [1.0, -0.9], control + wandering)
+    >>> wandering, noise = np.cumsum(0.02 * rng.standard_normal(3000)), 0.01 * rng.standard_normal(3000)
+    >>> measurement = lfilter([0.0, 0.1], [1.0, -0.9], control + wandering) + noise
     >>> found = beside_wandering_loads(Record(time, control, measurement, setpoint=control))
     >>> bool(abs(found.process.steady_state_gain - 1.0) < 0.1)
     True
@@ -84,7 +85,8 @@ def beside_wandering_loads(record: Record, *, dead_band: bool = True) -> Identif
         _likelier(other, white) <= _AS_LIKELY and abs(found.process(s) / plain.process(s) - 1.0)[0] <= _ALIKE
         for found, other in ends
     ]
-    if sum(same) < _AGREE:
+    others = [_likelier(other, white) for (_, other), alike in zip(ends, same, strict=True) if not alike]
+    if sum(same) < _AGREE and min(others) < _FAR_LESS:
         return None
     plain, white = _of_higher_order(even, plain, white)
     flaws = Flaws()
