@@ -86,7 +86,7 @@ def beside_wandering_loads(record: Record, *, dead_band: bool = True) -> Identif
         for found, other in ends
     ]
     others = [_likelier(other, white) for (_, other), alike in zip(ends, same, strict=True) if not alike]
-    if sum(same) < _AGREE and min(others) < _FAR_LESS:
+    if sum(same) < _AGREE and min(others, default=0.0) < _FAR_LESS:
         return None
     plain, white = _of_higher_order(even, plain, white)
     flaws = Flaws()
