@@ -48,6 +48,16 @@ def test_the_logarithmic_derivative_is_that_of_the_response(p: Process) -> None:
     assert p.logarithmic_derivative(S) == pytest.approx((np.log(p(S + h)) - np.log(p(S - h))) / (2 * h), rel=1e-6)
 
 
+def test_a_process_is_divided_by_another_where_that_leaves_one() -> None:
+    lag, late, s = Process.parse("1/(s+1)"), Process.parse("2/(s+3)*exp(-0.1s)"), 0.7 + 1.3j
+    assert complex((late / lag)(s)) == pytest.approx(complex(late(s)) / complex(lag(s)))
+    assert str(lag / 2.0) == "0.5/(s + 1)"
+    with pytest.raises(InputError, match=r"exp\(0.1s\) looks into the future"):
+        lag / late
+    with pytest.raises(TypeError, match="'Process' and 'str'"):
+        lag / "2"  # type: ignore[operator]
+
+
 @pytest.mark.parametrize(
     ("name", "formula"),
     [

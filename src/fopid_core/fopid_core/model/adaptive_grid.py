@@ -10,7 +10,7 @@ from fopid_core.model.arrays import Complexes, Floats
 
 _LARGEST_CHANGE = 0.5  # of the value's logarithm between neighbours: rad of phase, or ln of gain
 _MOST_HALVINGS = 30
-_MOST_RIDDERS_STEPS = 60
+_MOST_RIDDERS_STEPS = 60  # each at least halves the bracket: to less than rounding leaves of it
 _MOST_POINTS = 30_000  # more are asked for only by a curve that is nothing but rounding
 _ROOT = 1e-14  # of a bracket, where a root is found
 

@@ -195,10 +195,9 @@ class Process:
 
     def __truediv__(self, other: Process | float) -> Process:
         """By a gain, or by another process: the quotient must be proper and must not look into the future."""
-        if not isinstance(other, Process | float | int):
-            return NotImplemented
-        other = _process(other)
-        return Process(self.numerator * other.denominator, self.denominator * other.numerator)
+        if isinstance(other, Process):
+            return Process(self.numerator * other.denominator, self.denominator * other.numerator)
+        return self.scaled(1.0 / other) if isinstance(other, float | int) else NotImplemented
 
     def __add__(self, other: Process | float) -> Process:
         """Parallel connection, or a direct path."""
@@ -216,7 +215,7 @@ class Process:
         return self.scaled(-1.0)
 
     def __sub__(self, other: Process | float) -> Process:
-        return self + (-_process(other) if isinstance(other, Process | float | int) else other)
+        return self + -_process(other) if isinstance(other, Process | float | int) else NotImplemented
 
     def __rsub__(self, other: float) -> Process:
         return _process(other) - self

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import fftconvolve
 
-from fopid_core.design.identification.coloured_noise import WhitenedResponse
+from fopid_core.design.identification.coloured_noise import WhitenedResponse, behind
 from fopid_core.design.identification.flaws import Flaws, joined
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult, identify
@@ -24,7 +24,7 @@ from fopid_core.model.arrays import Floats
 from fopid_core.runtime.convolved_plant import plant_of
 from fopid_core.runtime.plant import PlantSettings
 from fopid_core.study.possible import Possible, drawn
-from fopid_core.study.white_fit import WhiteFit, behind
+from fopid_core.study.white_fit import WhiteFit
 
 SIZES = 60
 """So many dead bands are tried, and limits on either side."""
@@ -134,14 +134,14 @@ def _begun(record: Record, template: str) -> tuple[IdentificationResult, Flaws, 
     found = identify(record, noise=noise)
     if not found.success or found.best is None:
         return alone, flaws, loads, record
-    behind = replace(found.flaws, centre=flaws.centre)
-    bare = behind.of_record(record)
+    before = replace(found.flaws, centre=flaws.centre)
+    bare = before.of_record(record)
     if found.best.wanders and bare.is_regular and found.best.fitted.response.time.size == bare.time.size:
-        return found, behind, loads, bare
+        return found, before, loads, bare
     if found.flaws.dead_band and math.isinf(found.flaws.rate):
         first = identify(bare, template, disturbances=False)
         if first.success:
-            return first, behind, loads, bare
+            return first, before, loads, bare
     told = f"{found.message}; a replay begins with what a process of two lags and a delay explains"
     told = f"{told}; allowed: a stretch without the rest (--from, --to)"
     return replace(alone, message=RUNS_AWAY if found.best.structure.runs_away else told), flaws, loads, record

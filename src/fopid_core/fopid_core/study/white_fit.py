@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
 
+from fopid_core.design.identification.coloured_noise import behind
 from fopid_core.design.identification.coloured_noise import whitener as whitener_of
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult, refit
@@ -66,9 +66,3 @@ def _filtered(record: Record, whitener: Floats) -> Record:
         whitener, np.stack([record.control, record.measurement]) - [[record.control[0]], [record.measurement[0]]]
     )
     return Record(record.time[first:], control, measurement)
-
-
-def behind(whitener: Floats, signals: Floats) -> Floats:
-    """Signals, shape (m, n), behind a filter, without the samples it takes to begin."""
-    behind: Floats = lfilter(whitener, np.ones(1), signals, axis=1)
-    return behind[:, whitener.size - 1 :]

@@ -37,6 +37,18 @@ def whitener(residual: Floats, order: int = ORDER) -> Floats:
     return np.append(1.0, -np.asarray(weights, dtype=np.float64))
 
 
+def behind(whitening: Floats, signals: Floats) -> Floats:
+    """What is left of signals, shape (..., n), behind a filter, without the samples that it takes to begin.
+
+    Examples
+    --------
+    >>> behind(np.array([1.0, -0.5]), np.array([[2.0, 1.0, 0.5, 1.0]]))
+    array([[0.  , 0.  , 0.75]])
+    """
+    filtered: Floats = lfilter(whitening, np.ones(1), signals, axis=-1)
+    return filtered[..., whitening.size - 1 :]
+
+
 class _Whitened(RecordResponse):
     """Mixed into a response: it, and what it is fitted to, behind a filter."""
 

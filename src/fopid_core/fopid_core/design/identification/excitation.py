@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.signal import lfilter
 
+from fopid_core.design.identification.coloured_noise import behind
 from fopid_core.design.identification.quality import correlation_time
 from fopid_core.design.identification.record import Record
 from fopid_core.model.arrays import Floats
@@ -97,17 +97,14 @@ def missed_in_surprises(record: Record, surprises: Floats, whitening: Floats, in
     half : float
         How closely the answer is looked at [s].
     """
-    time, first = record.time - record.time[0], whitening.size - 1
-
-    def behind(signal: Floats) -> Floats:
-        return np.asarray(lfilter(whitening, np.ones(1), signal - signal[0])[first:])
-
+    time = record.time - record.time[0]
     summed = np.concatenate([[0.0], np.cumsum(instrument[:-1] * np.diff(time))])
     means = np.diff([np.interp(time - half * edge, time, summed) for edge in _EDGES], axis=0)
-    filtered = np.stack([behind(mean) for mean in means], axis=1)
+    filtered = behind(whitening, means - means[:, :1]).T
     basis = np.linalg.qr(filtered / max(float(np.abs(filtered).max()), 1e-300))[0]
-    moved, missed = basis.T @ behind(record.measurement), basis.T @ surprises[first:]
-    chance = moved.size * float(np.mean(surprises[first:] ** 2))
+    left = surprises[whitening.size - 1 :]
+    moved, missed = basis.T @ behind(whitening, record.measurement - record.measurement[0]), basis.T @ left
+    chance = moved.size * float(np.mean(left**2))
     if float(moved @ moved) < BEYOND_CHANCE * chance:
         return math.inf
     share = float(np.linalg.norm(missed) / np.linalg.norm(moved))

@@ -12,9 +12,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
-from fopid_core.design.identification.coloured_noise import LONG_ORDER, WhitenedResponse, fit_in_turns, whitener
+from fopid_core.design.identification.coloured_noise import LONG_ORDER, WhitenedResponse, behind, fit_in_turns, whitener
 from fopid_core.design.identification.dead_band import HAS_PLAY, STICKS
 from fopid_core.design.identification.excitation import ANSWERS, missed_in_surprises
 from fopid_core.design.identification.fit import Fit, fit
@@ -90,8 +89,8 @@ def beside_wandering_loads(record: Record, *, dead_band: bool = True) -> Identif
         return None
     plain, white = _of_higher_order(even, plain, white)
     flaws = Flaws()
-    if dead_band and (behind := _behind_dead_band(even, plain, white)):
-        flaws, plain, white = behind
+    if dead_band and (freed := _behind_dead_band(even, plain, white)):
+        flaws, plain, white = freed
     model = judged(plain, white, 0.0, even.span, CAUTION)
     half = ANSWERS / model.crossover
     missed = missed_in_surprises(even, white.residual, _whitening(white), even.instrument, half)
@@ -137,10 +136,9 @@ def _behind_dead_band(record: Record, plain: Fit, white: Fit) -> tuple[Flaws, Fi
     rows, response = white.rows, white.response
 
     def glance(felt: Floats) -> float:
-        behind = WhitenedResponse(
-            replace(record, control=felt), response.structure, response.start, _whitening(white), MOST_SAMPLES
-        )
-        return fit(behind, white.x, rows, _GLANCE).error
+        seen = replace(record, control=felt)
+        filtered = WhitenedResponse(seen, response.structure, response.start, _whitening(white), MOST_SAMPLES)
+        return fit(filtered, white.x, rows, _GLANCE).error
 
     shares = np.concatenate(list(_BANDS.values()))
     slips = np.repeat(list(_BANDS), [sizes.size for sizes in _BANDS.values()])
@@ -154,12 +152,10 @@ def _behind_dead_band(record: Record, plain: Fit, white: Fit) -> tuple[Flaws, Fi
 
 def _first_looks(record: Record, whitening: Floats) -> list[Floats]:
     """Two lags at some delays, the best first, by what little of the signals is left behind a filter."""
-    first = whitening.size - 1
-
-    def behind(signal: Floats) -> Floats:
-        return np.asarray(lfilter(whitening, np.ones(1), signal - signal[0])[first:])
-
-    left = Record(record.time[first:], behind(record.control), behind(record.measurement))
+    control, measurement = behind(
+        whitening, np.stack([record.control - record.control[0], record.measurement - record.measurement[0]])
+    )
+    left = Record(record.time[whitening.size - 1 :], control, measurement)
     start = InitialCondition(0.0)
     return scan(RecordResponse(left, structure_of(_STRUCTURE), start, _LOOK)).best_of_each_delay(start)[:_STARTS]
 

@@ -21,10 +21,9 @@ OLDEST, OLDEST_TICKS = 0.5, 5.0
 LIMIT_ANSWERS, LIMIT_TICKS = 10.0, 20
 """A control does not come back that has been at a limit for so many times as long as the loop takes to answer, and for
 so many ticks."""
-
-EXCUSED_TICKS, EXCUSED_FILTERS = 1.5, 3.0
+EXCUSED_TICKS, EXCUSED_FILTERS, EXCUSED_MOST = 1.5, 3.0, 5.0
 """What the controller makes of a lone sample, by its derivative even after it, is no move of the plant: for so many
-ticks and times of its filter."""
+ticks and times of its filter, and so many ticks at most."""
 
 
 class GuardedExcitation:
@@ -33,7 +32,7 @@ class GuardedExcitation:
     It ends at once when the setpoint is moved, a sample is too old to judge by, the measurement leaves its band (by
     more than a lone sample) or stands still while the control moves, or the control stays at a limit. It adds nothing
     while the measurement is on its way out of the band, judged by its place and speed, or the control is at a limit,
-    and is smaller afterwards.
+    and is smaller afterwards, unless the control only answered a lone sample.
 
     Parameters
     ----------
@@ -65,7 +64,8 @@ class GuardedExcitation:
         self._rise: list[tuple[float, float]] = []
         self.peak = 0.0
         self._sensor, self._excused_until = LoneSample.within(loop.deviation_max), -math.inf
-        self._excused = EXCUSED_TICKS * loop.controller.sample_time + EXCUSED_FILTERS * loop.controller.filter.time
+        tick, slow = loop.controller.sample_time, loop.controller.filter.time
+        self._excused = min(EXCUSED_TICKS * tick + EXCUSED_FILTERS * slow, EXCUSED_MOST * tick)
         self._dead_sensor, self._added = DeadSensor(loop.longest_still, foresight), 0.0
         self._limit_since = math.inf
         self._limit_most = max(LIMIT_ANSWERS * foresight, LIMIT_TICKS * loop.controller.sample_time)
