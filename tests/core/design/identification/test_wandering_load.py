@@ -35,7 +35,10 @@ DAYS = {
 }
 
 
-@pytest.mark.parametrize("name", DAYS)
+FAST = ("a usual one", "a negative gain")
+
+
+@pytest.mark.parametrize("name", [pytest.param(d, marks=() if d in FAST else pytest.mark.slow) for d in DAYS])
 def test_the_process_is_learnt_as_well_as_is_said(name: str) -> None:
     off, deviation = error(DAYS[name], DAYS[name].record(1))
     assert off < 2.5 * deviation
