@@ -81,6 +81,7 @@ def test_identify_says_what_it_explains_and_why_a_worse_day_is_refused() -> None
     assert not nothing_moved.success
 
 
+@pytest.mark.slow
 def test_play_that_swallows_small_moves_is_learnt_beside_the_loads() -> None:
     """As if there were none the gain would be less than half of what it is for larger moves."""
     day = Day(walk=0.01, moves=(1.5, -1.5, 1.5, -1.5), play=0.4)
