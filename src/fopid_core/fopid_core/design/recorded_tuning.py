@@ -338,7 +338,7 @@ def _learnt(record: Record, method: str, template: str, clock: Clock, noise: flo
     if template != "all" or not found.success or found.best is None:
         return found
     found = runs_away_instead(found.behind_actuator(record), found.best, noise) or found
-    if found.best is None or found.best.whiteness.white:
+    if found.best is None or (found.best.whiteness.white and not found.best.wanders):
         return found
     slow = behind_slow_actuator(record, found, noise=noise)
     if slow is None or method == "time":

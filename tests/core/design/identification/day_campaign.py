@@ -20,7 +20,7 @@ from .days import Day
 
 WRONG = 2.5
 """max |S| of gains on the plant itself that are called wrong; they were asked to keep 2.2 on all that is possible."""
-KINDS = ("plain", "play", "sticks", "sine", "hops", "lively")
+KINDS = ("plain", "play", "sticks", "sine", "hops", "lively", "slow")
 
 
 def drawn(rng: np.random.Generator) -> tuple[str, Day]:
@@ -36,6 +36,7 @@ def drawn(rng: np.random.Generator) -> tuple[str, Day]:
         moves=tuple((size * rng.choice([-1.0, 1.0], rng.integers(0, 5))).tolist()), play=0.5 * (kind == "play"),
         sticks=1.0 * (kind == "sticks"), sine=3.0 * (kind == "sine"), hops=2.0 * (kind == "hops"),
         strength=rng.uniform(0.15, 0.7) * (2.0 if kind == "lively" else 1.0),
+        rate=rng.uniform(1.0, 4.0) * size / (abs(gain) * lag) if kind == "slow" else math.inf,
     )  # fmt: skip
     return kind, day
 

@@ -31,6 +31,7 @@ class Day:
     sine: float = 0.0  # of the load, over 40 of the longer lag
     hops: float = 0.0  # of the load, three in a day
     strength: float = 0.4  # of the controller
+    rate: float = math.inf  # of the actuator, in a second
 
     def gains(self, times: float = 1.0) -> Fopid:
         """Of the PI controller, so many times as strong."""
@@ -51,7 +52,7 @@ class Day:
             self.hops * rng.standard_normal(self.samples) * (rng.random(self.samples) < 3.0 / self.samples)
         )
         sine = self.sine * np.sin(2.0 * math.pi * self.h / (40.0 * max(self.lags)) * np.arange(self.samples))
-        x, walked, stem, arriving, rows = np.zeros(2), 0.0, 0.0, [0.0] * self.delay, []
+        x, walked, stem, driven, arriving, rows = np.zeros(2), 0.0, 0.0, 0.0, [0.0] * self.delay, []
         for wanted, load in zip(setpoint.tolist(), (hops + sine).tolist(), strict=True):
             measured = float(x[1]) + self.noise * rng.standard_normal()
             control = controller.step(wanted, measured)
@@ -59,7 +60,8 @@ class Day:
             walked += self.walk * math.sqrt(self.h) * rng.standard_normal()
             stem = min(max(stem, control - self.play), control + self.play) if self.play else stem
             stem = control if not self.play and abs(control - stem) > self.sticks else stem
-            arriving.append(stem + load + walked)
+            driven += min(max(stem - driven, -self.rate * self.h), self.rate * self.h)
+            arriving.append(driven + load + walked)
             x = a @ x + b[:, 0] * arriving.pop(0)
         control, measured = np.array(rows).T
         return Record(self.h * np.arange(self.samples), control, measured, setpoint)

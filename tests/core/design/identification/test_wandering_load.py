@@ -10,7 +10,11 @@ import pytest
 
 from fopid_core.design.identification.identify import identify
 from fopid_core.design.identification.record import Record
-from fopid_core.design.identification.wandering_load import MOST_SAMPLES, beside_wandering_loads
+from fopid_core.design.identification.wandering_load import (
+    MOST_SAMPLES,
+    beside_wandering_loads,
+    slow_beside_wandering_loads,
+)
 from fopid_core.design.recorded_tuning import tune_recorded
 
 from .days import Day
@@ -51,6 +55,31 @@ def test_the_deviation_is_the_usual_error() -> None:
     day = Day(samples=2000)
     found = np.array([error(day, day.record(seed)) for seed in range(20)])
     assert 0.5 < math.sqrt(np.mean((found[:, 0] / found[:, 1]) ** 2)) < 1.5
+
+
+@pytest.mark.slow
+def test_an_actuator_that_is_slow_is_learnt_beside_them() -> None:
+    """It passes for lag and delay where the setpoint moves, which are all that is known of the process."""
+    day = Day(walk=0.005, moves=(3.0, -3.0, 3.0), rate=0.01)
+    record = day.record(0)
+    found = beside_wandering_loads(record)
+    assert found is not None
+    slow = slow_beside_wandering_loads(record, found)
+    assert slow is not None
+    assert slow.flaws.rate == pytest.approx(0.01, rel=0.1)
+    s = np.array([1j * slow.crossover])
+    assert abs(slow.process(s) / day.response(s.imag) - 1.0) < 0.15
+    assert abs(found.process(s) / day.response(s.imag) - 1.0) > 0.4
+    assert slow.fit_pct > found.fit_pct + 30.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("day", [Day(), Day(walk=0.005, sticks=0.6)])
+def test_no_actuator_is_called_slow_that_is_not(day: Day) -> None:
+    record = day.record(1)
+    found = beside_wandering_loads(record)
+    assert found is not None
+    assert slow_beside_wandering_loads(record, found) is None
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ import numpy as np
 from fopid_core.design.identification.fit import fit
 from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identified_model import IdentifiedModel
-from fopid_core.design.identification.model_search import COARSE, Search, model_of, search_for, unstable_last
+from fopid_core.design.identification.model_search import COARSE, Found, Search, model_of, search_for, unstable_last
 from fopid_core.design.identification.rate_limit import PROOF, SPEAKS, gained, rate_limit_of
 from fopid_core.design.identification.record import Record, validation_samples
 from fopid_core.design.identification.refusal import (
@@ -29,6 +29,7 @@ from fopid_core.design.identification.refusal import (
 from fopid_core.design.identification.response import InitialCondition
 from fopid_core.design.identification.runaway import response_to
 from fopid_core.design.identification.sensor_faults import as_told, compressed, sound
+from fopid_core.design.identification.wandering_load import slow_beside_wandering_loads
 from fopid_core.design.specification import Clock
 from fopid_core.model.arrays import Floats
 
@@ -181,6 +182,8 @@ def behind_slow_actuator(
     """
     begun, best, stretch = time.perf_counter(), learnt.best, sound(record)[0].stretches[0]
     record, offset = stretch, float(stretch.time[0] - record.time[0])
+    if best is not None and best.wanders:
+        return _slow_beside_wandering_loads(record, learnt, best, offset)
     flaws = rate_limit_of(record, best, 0.0 if possible else SPEAKS) if best is not None else None
     if best is None or flaws is None:
         return None
@@ -196,6 +199,21 @@ def behind_slow_actuator(
     found = found.behind(replace(found.best.flaws, rate=flaws.rate))
     told = _told(found.best) + _late(record)
     return IdentificationResult(True, told, found.models, found.best, time.perf_counter() - begun)
+
+
+def _slow_beside_wandering_loads(
+    record: Record, learnt: IdentificationResult, best: IdentifiedModel, offset: float
+) -> IdentificationResult | None:
+    begun, slow = time.perf_counter(), slow_beside_wandering_loads(record, best)
+    if slow is None:
+        return None
+    found = Found((*learnt.models, slow), slow, refusal_of(record, slow, 0.0)).began(offset)
+    told = _told(found.best) + _late(record)
+    return (
+        None
+        if found.refusal
+        else IdentificationResult(True, told, found.models, found.best, time.perf_counter() - begun)
+    )
 
 
 def _late(record: Record) -> str:

@@ -20,6 +20,7 @@ from fopid_core.design.identification.fit import Fit, fit
 from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identified_model import IdentifiedModel, judged
 from fopid_core.design.identification.initial_estimates import scan
+from fopid_core.design.identification.rate_limit import NEARER, POSSIBLE, PROOF, RATES, SHORTER, SPEAKS
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition, RecordResponse
 from fopid_core.design.identification.structure import structure_of
@@ -47,8 +48,8 @@ _BANDS = {HAS_PLAY: np.geomspace(0.01, 0.5, 20), STICKS: np.geomspace(0.01, 0.5,
 _SPEAKS = 5.0
 """Twice the logarithm of the likelihood grows by so much with one that is there, and by 1.4 at most without, in random
 days: taken for true at less than elsewhere, since a gain that is too large is the safer one."""
-_GLANCE = 2
-"""So many evaluations tell one from another."""
+_GLANCE, _LOOKS = 2, 12
+"""So many evaluations tell one from another, and limits on the actuator's moves, beside which the delay changes."""
 
 
 def beside_wandering_loads(record: Record, *, dead_band: bool = True) -> IdentifiedModel | None:
@@ -91,13 +92,62 @@ def beside_wandering_loads(record: Record, *, dead_band: bool = True) -> Identif
     flaws = Flaws()
     if dead_band and (freed := _behind_dead_band(even, plain, white)):
         flaws, plain, white = freed
+    return _model(even, plain, white, flaws, float(even.time[0] - record.time[0]))
+
+
+def slow_beside_wandering_loads(record: Record, learnt: IdentifiedModel) -> IdentifiedModel | None:
+    """The same behind a limit on the actuator's moves, where the surprises speak for one; else None.
+
+    It is the smallest limit about as likely as the best, which is the safe side. Not beside an actuator that sticks or
+    has play: what its dead band leaves unexplained looks a little like a limit, and the process would come out faster.
+
+    Parameters
+    ----------
+    record : Record
+    learnt : IdentifiedModel
+        From it, beside loads that wander.
+    """
+    if learnt.flaws.dead_band:
+        return None
+    even, plain, white = _of_interest(record), learnt.fitted, learnt.white
+    moved = float(np.ptp(even.control))
+    fastest = float(np.abs(np.diff(even.control)).max()) / even.sample_time
+    begins = [np.append(plain.x[:-1], share * plain.x[-1]) for share in SHORTER]
+
+    def seen(rate: float) -> Record:
+        return Flaws(rate=rate).of_record(even)
+
+    def tried(rates: Floats) -> dict[float, Fit]:
+        return {
+            rate: min((_behind_filter(white, seen(rate), x, _LOOKS) for x in begins), key=lambda one: one.error)
+            for rate in rates[rates < fastest].tolist()
+        }
+
+    looks = tried(moved / np.geomspace(even.sample_time, 0.25 * even.span, RATES))
+    if not looks or max(_likelier(white, one) for one in looks.values()) < SPEAKS:
+        return None
+    looks |= tried(min(looks, key=lambda rate: looks[rate].error) * NEARER)
+    best = min(looks.values(), key=lambda one: one.error)
+    slowest = min(rate for rate, one in looks.items() if _likelier(one, best) <= POSSIBLE)
+    found = _turns(seen(slowest), looks[slowest].x, _whitening(white))
+    if _likelier(white, found[1]) < PROOF:
+        return None
+    return _model(even, *found, Flaws(rate=slowest), learnt.offset)
+
+
+def _model(even: Record, plain: Fit, white: Fit, flaws: Flaws, offset: float) -> IdentifiedModel:
     model = judged(plain, white, 0.0, even.span, CAUTION)
-    half = ANSWERS / model.crossover
-    missed = missed_in_surprises(even, white.residual, _whitening(white), even.instrument, half)
-    return replace(
-        model, fit_pct=100.0 * (1.0 - missed), noise=white.error, flaws=flaws, wanders=True,
-        offset=float(even.time[0] - record.time[0]),
-    )  # fmt: skip
+    assert even.instrument is not None
+    missed = missed_in_surprises(even, white.residual, _whitening(white), even.instrument, ANSWERS / model.crossover)
+    explained = 100.0 * (1.0 - missed)
+    return replace(model, fit_pct=explained, noise=white.error, flaws=flaws, wanders=True, offset=offset)
+
+
+def _behind_filter(white: Fit, seen: Record, x: Floats, evaluations: int) -> Fit:
+    """The process fitted anew to what an actuator makes of the control, behind the filter that there is."""
+    response = white.response
+    filtered = WhitenedResponse(seen, response.structure, response.start, _whitening(white), MOST_SAMPLES)
+    return fit(filtered, x, white.rows, evaluations)
 
 
 def _whitening(white: Fit) -> Floats:
@@ -133,17 +183,11 @@ def _of_higher_order(record: Record, plain: Fit, white: Fit) -> tuple[Fit, Fit]:
 
 def _behind_dead_band(record: Record, plain: Fit, white: Fit) -> tuple[Flaws, Fit, Fit] | None:
     """The dead band that the surprises speak for, and the process behind it; None where they do not."""
-    rows, response = white.rows, white.response
-
-    def glance(felt: Floats) -> float:
-        seen = replace(record, control=felt)
-        filtered = WhitenedResponse(seen, response.structure, response.start, _whitening(white), MOST_SAMPLES)
-        return fit(filtered, white.x, rows, _GLANCE).error
-
     shares = np.concatenate(list(_BANDS.values()))
     slips = np.repeat(list(_BANDS), [sizes.size for sizes in _BANDS.values()])
     sizes = float(np.ptp(record.control)) * shares
-    errors = [glance(felt) for felt in Flaws(dead_band=sizes, slip=slips).felt(record.control)]
+    every = Flaws(dead_band=sizes, slip=slips).felt(record.control)
+    errors = [_behind_filter(white, replace(record, control=felt), white.x, _GLANCE).error for felt in every]
     best = int(np.argmin(errors))
     flaws = Flaws(dead_band=float(sizes[best]), slip=float(slips[best]))
     found = _turns(flaws.of_record(record), plain.x, _whitening(white))
