@@ -71,6 +71,7 @@ def test_one_that_drops_out_for_a_tick_now_and_then_does_not() -> None:
     assert faulty[1].loop.deviation_max < 1.3 * usual[1].loop.deviation_max, "it is moved no further for that"
 
 
+@pytest.mark.slow
 def test_what_is_learnt_beside_such_samples_is_what_is_learnt_without_them() -> None:
     gains = []
     for drops in (NEVER, 53):

@@ -118,7 +118,8 @@ def test_a_loop_is_moved_up_to_half_of_what_is_allowed_before_it_is_believed(all
     assert furthest < moved < 0.75 * allowed
 
 
-@pytest.mark.parametrize("rate", [pytest.param(7.0, marks=pytest.mark.slow), 1e4])
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [7.0, 1e4])
 def test_a_few_pulses_show_how_fast_an_actuator_is_and_take_the_measurement_nowhere(rate: float) -> None:
     class Valve(SlowValve):
         def make_actuator(self) -> Actuator:

@@ -93,7 +93,8 @@ def read_in_steps(gains: Fopid, step: float) -> Record:
     return Record(*np.array(rows).T)
 
 
-@pytest.mark.parametrize("step", [0.05, pytest.param(0.2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("step", [0.05, 0.2])
 def test_a_sensor_that_reads_in_steps_reads_so_with_other_gains_too(step: float) -> None:
     """Its bands were a twentieth of a step wide, and held a fifth of the instants."""
     wanted = Fopid(0.5, 0.5)

@@ -152,7 +152,7 @@ def test_a_day_without_a_move_is_not_replayed_where_samples_are_missing(stepped:
         assert ANSWERS in found.message
 
 
-@pytest.mark.parametrize("samples", [30, 60])
+@pytest.mark.parametrize("samples", [30, pytest.param(60, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_steps_by_hand_are_moves_from_outside_in_short_records_too(samples: int, noise: float) -> None:
     """What comes a sample after such a step tells the step: that is no control which was told too early."""

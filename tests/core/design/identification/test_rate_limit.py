@@ -67,6 +67,7 @@ def test_the_rate_of_a_slow_actuator_is_learnt_with_the_process_behind_it(rate: 
     assert f"the actuator may be as slow as {slow.flaws.rate:.3g} a second" in slow.message
 
 
+@pytest.mark.slow
 def test_so_it_is_in_a_loop_whose_noise_alone_keeps_the_actuator_behind() -> None:
     """Of 0.2 of noise the control has four times as much; learnt as if it were quick the lag is 12 s, for 7."""
     made = record(3.0, 0.2, kp=4.0)
@@ -189,6 +190,7 @@ def test_gains_under_which_the_loop_runs_away_are_refused() -> None:
     assert "times the error" in trial.refusal(Loop(process, Fopid(kp=0.5, ki=0.1)))
 
 
+@pytest.mark.slow
 def test_they_are_also_where_what_runs_would_run_away_too() -> None:
     process = Process.parse("1/(s-1)")
     trial = FlawTrial(process, Flaws(rate=1e12), 0.01, 0.0, Loop(process, Fopid(kp=0.4, ki=0.1)), (-1e9, 1e9))

@@ -191,6 +191,7 @@ def test_a_loop_that_goes_on_as_learnt_has_not_drifted_and_another_process_has()
     assert drift(known, Record(H * np.arange(SAMPLES), control, measured)).drifted
 
 
+@pytest.mark.slow
 def test_one_that_explains_two_thirds_is_believed_where_the_setpoint_is_told_only() -> None:
     """Control and measurement exchanged had passed for one, at 69 %, and the gains had the wrong sign."""
     told = record("1/(s-1)", moved="setpoint")

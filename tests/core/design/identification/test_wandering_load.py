@@ -16,6 +16,7 @@ from fopid_core.design.identification.wandering_load import (
     slow_beside_wandering_loads,
 )
 from fopid_core.design.recorded_tuning import tune_recorded
+from tests.cases import slow
 
 from .days import Day
 
@@ -39,10 +40,7 @@ DAYS = {
 }
 
 
-FAST = ("a usual one", "a negative gain")
-
-
-@pytest.mark.parametrize("name", [pytest.param(d, marks=() if d in FAST else pytest.mark.slow) for d in DAYS])
+@pytest.mark.parametrize("name", ["a usual one", *slow(*(name for name in DAYS if name != "a usual one"))])
 def test_the_process_is_learnt_as_well_as_is_said(name: str) -> None:
     off, deviation = error(DAYS[name], DAYS[name].record(1))
     assert off < 2.5 * deviation
@@ -64,13 +62,13 @@ def test_an_actuator_that_is_slow_is_learnt_beside_them() -> None:
     record = day.record(0)
     found = beside_wandering_loads(record)
     assert found is not None
-    slow = slow_beside_wandering_loads(record, found)
-    assert slow is not None
-    assert slow.flaws.rate == pytest.approx(0.01, rel=0.1)
-    s = np.array([1j * slow.crossover])
-    assert abs(slow.process(s) / day.response(s.imag) - 1.0) < 0.15
+    behind = slow_beside_wandering_loads(record, found)
+    assert behind is not None
+    assert behind.flaws.rate == pytest.approx(0.01, rel=0.1)
+    s = np.array([1j * behind.crossover])
+    assert abs(behind.process(s) / day.response(s.imag) - 1.0) < 0.15
     assert abs(found.process(s) / day.response(s.imag) - 1.0) > 0.4
-    assert slow.fit_pct > found.fit_pct + 30.0
+    assert behind.fit_pct > found.fit_pct + 30.0
 
 
 @pytest.mark.slow
@@ -144,6 +142,7 @@ def test_uneven_samples_and_longer_records_are_learnt_from_as_well() -> None:
     assert found.deviation < 0.2
 
 
+@pytest.mark.slow
 def test_of_few_samples_or_of_a_load_that_passes_for_the_process_it_is_not_known() -> None:
     """A wave of a load, next to no noise: five searches came to five ends, the likeliest with a delay of 2,844 s."""
     short = Day(samples=300).record(1)

@@ -12,9 +12,10 @@ if TYPE_CHECKING:
 UNTIL_KNOWN, WHOLE, AFTERWARDS = 0.38, 1.45, 1.35
 """How long it usually takes to move the loop, in lengths of an experiment that is made whole: until enough is known; a
 whole one with its probes. And what follows where gains are tried out: watched, a second round, a proof."""
-DUE = 1.45
+DUE, LEFT = 1.45, 0.8
 """At so many times what is said of it an experiment that ends when enough is known is content with any process that its
-record shows: with a tick or two within 1.5."""
+record shows: with a tick or two within 1.5. Where the loop came to rest late, not before that share of what was left
+for it."""
 LONGEST, LONGEST_PROVED = 3.0, 8.5
 """No further experiment is begun that would end later than this, in the same lengths; with what follows so many have
 been seen, where the loop turned out far slower than its integral time."""

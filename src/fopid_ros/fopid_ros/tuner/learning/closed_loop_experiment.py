@@ -11,7 +11,7 @@ from itertools import pairwise
 from fopid_core.design.identification.noise import reported_step
 from fopid_core.errors import InputError
 from fopid_core.runtime.excitation import Excitation, ExcitationSettings, Kind
-from fopid_ros.tuner.learning.announcement import LONGEST, ExperimentLength
+from fopid_ros.tuner.learning.announcement import DUE, LEFT, LONGEST, ExperimentLength
 from fopid_ros.tuner.learning.calm import Calm
 from fopid_ros.tuner.learning.guarded_excitation import GuardedExcitation
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
@@ -27,14 +27,14 @@ EXCITATIONS = {"prbs": (1 << PRBS_ORDER) - 1, "relay": 8, "step": 2}
 """Kinds of experiment, and into how many holds each divides its duration."""
 REST_SHARE = 0.08
 """Share of that length over which rest is judged."""
-PROBE_SHARE, PROBE_SHARE_UNTIL_KNOWN, PROBES = 1.0 / 12.0, 1.0 / 24.0, 8
-"""Share of that length that a probe is held at most, also of an experiment that ends when enough is known, and how many
-there are at most."""
+PROBE_SHARE, PROBE_SHARE_UNTIL_KNOWN, PROBES = 1.0 / 24.0, 1.0 / 48.0, 8
+"""Share of that length that the first probe is held at most, also of an experiment that ends when enough is known, and
+how many there are at most."""
 LEAST_TICKS = 2
 """So many ticks of the controller is a move held at least."""
-QUICK, LATE, MIRRORED, LONGER, PROBE_SHARE_MOST = 1, 1.2, 2.0, 2.0, 1.0 / 6.0
-"""After so many probes without an answer, or one whose answer was not seen after so many holds, or became so many times
-as large as the way back makes that of a loop that swings, the next is held so much longer, at most that share of the
+LATE, MIRRORED, LONGER, PROBE_SHARE_MOST = 1.2, 2.0, 2.0, 1.0 / 6.0
+"""After a probe without an answer, or one whose answer was not seen after so many holds, or became so many times as
+large as the way back makes that of a loop that swings, the next is held so much longer, at most that share of the
 length: the answer may come behind a delay, or go the other way at first."""
 FIRST_NOISES, FIRST_RANGE, FIRST_SHARE = 3.0, 0.002, 0.1
 """The first probe: what holds a deviation of so many noises, that share of the control's range, or what holds that
@@ -202,7 +202,8 @@ class ClosedLoopExperiment:
             lambda: resting.is_over(borne), lambda: Stage("measuring", 0.0, left, loop.offset, message=told)
         )
         self.latest = min(self.latest, resting.began + LONGEST * self.duration)
-        self._began, self._said, self._due = resting.began, length.experiment, resting.newest + length.due
+        self._began, self._said = resting.began, length.experiment
+        self._due = max(resting.began + DUE * self._said, resting.newest + LEFT * length.due)
         if not loop.at_steady_state:
             raise RestlessError(loop.why_not_at_rest(self.duration))
         loop.listen(history.unmoved(TICKS_REMEMBERED), asked, history.travel("setpoint"))
@@ -321,13 +322,15 @@ class ClosedLoopExperiment:
     def _is_known(self, known: Callable[[], bool]) -> bool:
         """Whether enough is known: with less, where it takes longer than was said, and with any process when due.
 
-        Where none shows then, what was said is past: enough is what it was before.
+        Where none shows then, it is over where a larger one may be made: friction hides in small moves. Else what was
+        said is past, and enough is what it was before.
         """
-        if self.newest >= self._due:
+        due = self.newest >= self._due
+        if due:
             self.content, self._due, self._said = math.inf, math.inf, math.inf
         else:
             self.content = max((self.newest - self._began) / self._said, 1.0) ** 2
-        return known()
+        return known() or (due and self.may_widen)
 
     def settle(self, phase: str, progress: float, borne: float = math.inf) -> float:
         """Wait until the experiment has died out, not longer than that should take; the largest deviation meanwhile.
@@ -380,7 +383,7 @@ class ClosedLoopExperiment:
         def is_back(guarded: GuardedExcitation) -> bool:
             return abs(guarded.level) <= seen
 
-        for probe in range(PROBES):
+        for _ in range(PROBES):
             wanted = max(WANTED_NOISES * loop.least_move, 2.0 * seen, self._before.moved)
             wanted = min(WANTED_SHARE * loop.deviation_max, wanted)
             if waits:  # the longest moves of a prbs are no longer than such a probe
@@ -402,7 +405,7 @@ class ClosedLoopExperiment:
             late = answered and not early
             waits = waits or late
             amplitude = min(amplitude * (1.0 if late else MOST_LARGER), self._most())
-            if late or not (answered or probe < QUICK):
+            if late or not answered:
                 share = min(LONGER * share, PROBE_SHARE_MOST)
         moved = f"the measurement moved by no more than {self._peak:.3g} ({loop.by_itself})"
         most = "the most that is made where nobody says an amplitude"
