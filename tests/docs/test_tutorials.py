@@ -31,6 +31,7 @@ def test_student(folder: Path) -> None:
 
 
 @pytest.mark.ros
+@pytest.mark.long
 def test_ros_joint(folder: Path) -> None:
     with own_domain() as domain:
         surroundings = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}

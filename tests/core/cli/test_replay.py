@@ -32,7 +32,7 @@ def test_it_tells_before_and_after_and_writes_every_signal(tmp_path: Path) -> No
     assert json.loads(refused.stdout)["after"] is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_limits_bound_the_gains_that_it_tunes_itself(tmp_path: Path) -> None:
     write_day(tmp_path / "day.csv")
     line = ["replay", str(tmp_path / "day.csv"), "--out", str(tmp_path / "out.csv"), "--json"]

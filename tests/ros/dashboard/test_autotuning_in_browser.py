@@ -102,6 +102,7 @@ def accept(page: Page) -> bool:
 
 
 @pytest.mark.timeout(1200)
+@pytest.mark.long
 def test_a_proposal_is_planned_learnt_and_accepted_and_every_set_comes_back(loop: TunedLoop, browser: Browser) -> None:
     page = loop.open(browser)
     page.until("document.querySelectorAll('#plan-steps li').length >= 5", "what it will do")

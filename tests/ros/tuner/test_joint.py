@@ -88,7 +88,7 @@ def _accept(joint: str, gains: list[float]) -> None:
     assert margins(loop).ms < 2.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_joint_is_learnt_tuned_and_watched_by_itself(graph: Graph, gains: Callable[[str], list[float]]) -> None:
     before = {joint: gains(joint) for joint in JOINTS}
     client = ActionClient(graph.node, Autotune, "fopid_tuner/autotune")
