@@ -27,14 +27,14 @@ EXCITATIONS = {"prbs": (1 << PRBS_ORDER) - 1, "relay": 8, "step": 2}
 """Kinds of experiment, and into how many holds each divides its duration."""
 REST_SHARE = 0.08
 """Share of that length over which rest is judged."""
-PROBE_SHARE, PROBE_SHARE_UNTIL_KNOWN, PROBES = 1.0 / 24.0, 1.0 / 48.0, 8
-"""Share of that length that the first probe is held at most, also of an experiment that ends when enough is known, and
-how many there are at most."""
+PROBE_SHARE, PROBE_SHARE_UNTIL_KNOWN, PROBES = 1.0 / 12.0, 1.0 / 24.0, 8
+"""Share of that length that a probe is held at most, also of an experiment that ends when enough is known, and how many
+there are at most."""
 LEAST_TICKS = 2
 """So many ticks of the controller is a move held at least."""
-LATE, MIRRORED, LONGER, PROBE_SHARE_MOST = 1.2, 2.0, 2.0, 1.0 / 6.0
-"""After a probe without an answer, or one whose answer was not seen after so many holds, or became so many times as
-large as the way back makes that of a loop that swings, the next is held so much longer, at most that share of the
+QUICK, LATE, MIRRORED, LONGER, PROBE_SHARE_MOST = 1, 1.2, 2.0, 2.0, 1.0 / 6.0
+"""After so many probes without an answer, or one whose answer was not seen after so many holds, or became so many times
+as large as the way back makes that of a loop that swings, the next is held so much longer, at most that share of the
 length: the answer may come behind a delay, or go the other way at first."""
 FIRST_NOISES, FIRST_RANGE, FIRST_SHARE = 3.0, 0.002, 0.1
 """The first probe: what holds a deviation of so many noises, that share of the control's range, or what holds that
@@ -383,7 +383,7 @@ class ClosedLoopExperiment:
         def is_back(guarded: GuardedExcitation) -> bool:
             return abs(guarded.level) <= seen
 
-        for _ in range(PROBES):
+        for probe in range(PROBES):
             wanted = max(WANTED_NOISES * loop.least_move, 2.0 * seen, self._before.moved)
             wanted = min(WANTED_SHARE * loop.deviation_max, wanted)
             if waits:  # the longest moves of a prbs are no longer than such a probe
@@ -405,7 +405,7 @@ class ClosedLoopExperiment:
             late = answered and not early
             waits = waits or late
             amplitude = min(amplitude * (1.0 if late else MOST_LARGER), self._most())
-            if late or not answered:
+            if late or not (answered or probe < QUICK):
                 share = min(LONGER * share, PROBE_SHARE_MOST)
         moved = f"the measurement moved by no more than {self._peak:.3g} ({loop.by_itself})"
         most = "the most that is made where nobody says an amplitude"

@@ -13,7 +13,7 @@ from fopid_ros.tuner.learning.closed_loop_experiment import (
     LEAST_TICKS,
     MOST_LARGER,
     MOST_SHARE,
-    PROBE_SHARE,
+    PROBE_SHARE_UNTIL_KNOWN,
     PROBES,
     SEEN_SWINGS,
     ClosedLoopExperiment,
@@ -77,7 +77,7 @@ class Proof(ClosedLoopExperiment):
 
     def _held_and_watched(self, response_time: float) -> tuple[float, float]:
         """How long a move is held, and how long is looked whether the loop rests after it [s]."""
-        hold = max(PROBE_SHARE * self.duration, PROVED_RESPONSES * response_time)
+        hold = max(PROBE_SHARE_UNTIL_KNOWN * self.duration, PROVED_RESPONSES * response_time)
         return hold, max(PROVED_RESPONSES * response_time, self.rest_window)
 
     def prove(self, response_time: float) -> str:
