@@ -322,15 +322,13 @@ class ClosedLoopExperiment:
     def _is_known(self, known: Callable[[], bool]) -> bool:
         """Whether enough is known: with less, where it takes longer than was said, and with any process when due.
 
-        Where none shows then, it is over where a larger one may be made: friction hides in small moves. Else what was
-        said is past, and enough is what it was before.
+        Where none shows then, what was said is past: enough is what it was before.
         """
-        due = self.newest >= self._due
-        if due:
+        if self.newest >= self._due:
             self.content, self._due, self._said = math.inf, math.inf, math.inf
         else:
             self.content = max((self.newest - self._began) / self._said, 1.0) ** 2
-        return known() or (due and self.may_widen)
+        return known()
 
     def settle(self, phase: str, progress: float, borne: float = math.inf) -> float:
         """Wait until the experiment has died out, not longer than that should take; the largest deviation meanwhile.
