@@ -98,7 +98,7 @@ def test_it_is_one_round_where_the_slow_end_was_seen(designed: Callable[[Design]
     assert (len(records), share_of(loop)) == (1, pytest.approx(1.2))
 
 
-@pytest.mark.parametrize(("livelier", "aims"), [(1.19, [math.inf, 8.0]), (1.21, [math.inf])])
+@pytest.mark.parametrize(("livelier", "aims"), [(1.19, [math.inf, 24.0]), (1.21, [math.inf])])
 def test_much_livelier_gains_are_followed_by_a_round_that_learns_from_theirs_alone(
     livelier: float, aims: list[float], designed: Callable[[Design], list[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

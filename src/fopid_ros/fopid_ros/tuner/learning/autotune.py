@@ -48,6 +48,8 @@ MOVED_SHARE = 0.5
 LIVELIER = 5.0
 """Gains that act so many times as strongly as before, where a controller would, make a loop that works where the record
 of the loop before hardly shows the process."""
+MORE_MOVEMENT = 3.0
+"""What a second round may aim at of the control's movement from noise, in what was aimed at before."""
 NO_TIME = "gains are to be had that hold the setpoint better, for which no time was left: autotune once more"
 """What is said instead of a second round."""
 AGREE = 1.5
@@ -90,8 +92,7 @@ class Autotuner:
 
     Where the record does not show the process's slow end, gains are held back. A second round follows then with them,
     and both rounds' signals are learnt from together. So it does where the gains are much livelier: such a loop shows
-    the process where it works, and is learnt from alone. Either aims at no more of the control's movement from noise
-    than the first did.
+    the process where it works, and is learnt from alone. Either aims at no more than ``MORE_MOVEMENT`` of the first.
 
     References
     ----------
@@ -252,7 +253,7 @@ class Autotuner:
     def _once_more(self, first: Outcome, began: float) -> Outcome:
         """A second round; where it comes to nothing, what the first came to stays, if the loop bears to be moved."""
         made, update = self._experiment, self._gain_update
-        self._take_for(read_running_controller(self._client), made.reach, first.noise_gain_aim)
+        self._take_for(read_running_controller(self._client), made.reach, MORE_MOVEMENT * first.noise_gain_aim)
         self._experiment.latest = made.latest
         if not self._experiment.fits:
             self._experiment, self._gain_update = made, update
