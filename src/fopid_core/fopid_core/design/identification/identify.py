@@ -205,15 +205,11 @@ def _slow_beside_wandering_loads(
     record: Record, learnt: IdentificationResult, best: IdentifiedModel, offset: float
 ) -> IdentificationResult | None:
     begun, slow = time.perf_counter(), slow_beside_wandering_loads(record, best)
-    if slow is None:
+    if slow is None or refusal_of(record, slow, 0.0):
         return None
-    found = Found((*learnt.models, slow), slow, refusal_of(record, slow, 0.0)).began(offset)
+    found = Found((*learnt.models, slow), slow, "").began(offset)
     told = _told(found.best) + _late(record)
-    return (
-        None
-        if found.refusal
-        else IdentificationResult(True, told, found.models, found.best, time.perf_counter() - begun)
-    )
+    return IdentificationResult(True, told, found.models, found.best, time.perf_counter() - begun)
 
 
 def _late(record: Record) -> str:
