@@ -150,18 +150,20 @@ class VirtualLoop:
     def design(self) -> RunningDesign:
         gains, order, time, proportional, derivative, *pace, deadband = self.tuned_settings().values()
         weights = SetpointWeights(proportional, derivative)
-        return RunningDesign(gains, MeasurementFilter(order, time), weights, Pace(*pace), deadband)
+        on_trial = self.controller.settings.on_trial
+        return RunningDesign(gains, MeasurementFilter(order, time), weights, Pace(*pace), deadband, on_trial)
 
     def apply(self, design: RunningDesign, status: str = "", certificate: str = "") -> RunningDesign:
         del certificate  # nobody here shows it
         before = self.design()
+        status = status or ("trial" if design.on_trial else "")
         weights, pace = design.weights or before.weights, design.pace or before.pace
         deadband = before.deadband if design.deadband is None else design.deadband
         values = (
             design.gains, design.filter.order, design.filter.time, weights.proportional, weights.derivative,
             pace.control, pace.setpoint, deadband,
         )  # fmt: skip
-        self.set(**dict(zip(TUNED, values, strict=True)))
+        self.set(on_trial=status == "trial", **dict(zip(TUNED, values, strict=True)))
         self.statuses.append(status)
         return before
 
@@ -172,7 +174,10 @@ class VirtualLoop:
         pass
 
     def confirm(self, design: RunningDesign) -> None:
-        self.statuses.append("verified" if design.is_same_loop(self.design()) else "not in force")
+        ours = design.is_same_loop(self.design())
+        if ours:
+            self.controller.reconfigure(replace(self.controller.settings, on_trial=False))
+        self.statuses.append("verified" if ours else "not in force")
 
     # The wait.
 

@@ -242,7 +242,7 @@ def test_pulses_that_make_it_far_slower_speak_of_something_else(
         return Pace(1.0, 1.0), ""
 
     monkeypatch.setattr(Autotuner, "_in_large_moves", looked)
-    outcome: Any = SimpleNamespace(model=SimpleNamespace(process=None), tuned=None)
+    outcome = Outcome(model=SimpleNamespace(process=None))  # type: ignore[arg-type]
     proof: Any = SimpleNamespace(pulse=lambda *_: "")
     pace, against = tuner._borne_in_large_moves(outcome, None, proof)
     assert pace == Pace(1.0, 1.0)
@@ -258,6 +258,6 @@ def test_gains_that_need_a_pace_are_not_kept_where_pulses_cannot_be_made(monkeyp
 
     monkeypatch.setattr(Autotuner, "_in_large_moves", lambda *_: (Pace(1.0, 1.0), ""))
     tuner: Any = tuner_of(VirtualLoop(VALVE, 1))
-    outcome: Any = SimpleNamespace(model=SimpleNamespace(process=None), tuned=None)
+    outcome = Outcome(model=SimpleNamespace(process=None))  # type: ignore[arg-type]
     _, against = tuner._borne_in_large_moves(outcome, None, SimpleNamespace(pulse=refused))
     assert against == "it is not known how fast the actuator is: the process's response is not known"

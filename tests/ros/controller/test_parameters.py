@@ -35,6 +35,8 @@ def test_every_setting_of_the_core_is_a_parameter_with_the_same_default() -> Non
             assert {"kp", "ki", "kd", "lam", "mu"} <= set(specs)
         elif field.name == "band":
             assert {"band.low", "band.high", "band.poles"} <= set(specs)
+        elif field.name == "on_trial":
+            assert (specs["gains.status"].default == "trial") == field.default
         else:
             assert field.default is not MISSING
             assert specs[field.name].default == field.default

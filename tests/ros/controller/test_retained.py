@@ -24,6 +24,7 @@ from fopid_ros.controller.parameters import SPECS
 from fopid_ros.controller.retained import DESIGN, Retained, Retainer, _checksum, decoded, encoded, file_name
 
 from ..conftest import Graph, only_line
+from .fed import FedController
 
 NAME = "fopid_controller"
 NODE = f"/{NAME}"
@@ -241,6 +242,20 @@ def test_gains_on_trial_that_are_taken_back_are_what_they_were_before(graph: Gra
     graph.until((tmp_path / file_name(NODE)).exists, "the file")
     assert decoded((tmp_path / file_name(NODE)).read_bytes(), NODE).gains["kp"] in (2.0, 7.0)
     graph.until(lambda: Retainer(tmp_path, NODE).read().gains["kp"] == 7.0, "the confirmed ones")
+
+
+@pytest.mark.parametrize("timeout", [0.0, 1.0])
+def test_a_trial_that_is_taken_back_takes_its_control_with_it(graph: Graph, timeout: float) -> None:
+    """Without a jump, gains too weak to bring it home were left with what wild ones had made of the control."""
+    loop = FedController(graph, {"kp": 0.1, "ki": 0.01, "trial_timeout": timeout})
+    loop.run(1.0, 1.0)
+    assert graph.set(NAME, ki=50.0, gains__status="trial", gains__origin="y").successful
+    loop.sensor = 0.5
+    loop.wait(lambda state: state.ki == 50.0 and state.control > 20.0)
+    if not timeout:
+        assert graph.set(NAME, ki=0.01).successful
+    back = loop.wait(lambda state: state.ki == 0.01)
+    assert abs(back.control) < 1.0
 
 
 def test_a_file_that_is_saved_has_no_gains_on_trial_and_those_that_begin_so_are_somebodys(

@@ -20,6 +20,7 @@ from fopid_core.runtime.antiwindup import (
 )
 from fopid_core.runtime.controller_state import ControllerState, Mode
 from fopid_core.runtime.filter_bank import Band, integral_weights
+from fopid_core.runtime.gain_trial import GainTrial
 from fopid_core.runtime.measurement_filter import RunningFilter
 from fopid_core.runtime.operators import Operators
 from fopid_core.runtime.reading import Reading, reading_of
@@ -89,6 +90,8 @@ class FopidController:
         self._held = False  # whether the last tick was a hold
         self._joins = False  # whether a filter takes over at the next tick
         self._owed, self._ticks_to_pay = 0.0, 0  # the part of the bias that holds left, and in how many ticks it goes
+        self._trial = GainTrial()
+        self._returns = False  # whether the control is on its way, as fast as it may, to where it was before a trial
         self.state = ControllerState(control=self._settings.safe_control, mode=self.state.mode)
 
     def reconfigure(self, settings: ControllerSettings) -> None:
@@ -98,7 +101,8 @@ class FopidController:
         have moved it by; without, it goes to where such a controller would have been. The past holds noise that a
         slower filter of the measurement would not have let in: the derivative forgets what is faster than that filter
         before it is read for the last time, so that no integral takes up what noise made of it at this very tick, and
-        integral and setpoint alone move the next control.
+        integral and setpoint alone move the next control. Gains that come back from before a trial go on from where
+        the integral was before it: that is a step of the control, as fast as its rate allows.
         """
         state, before = self.state, self._settings
         old = self._settle() if settings.gains != before.gains else self._parts
@@ -111,7 +115,11 @@ class FopidController:
         # A new weight must not look like a jump of the differentiated signal.
         new_weight = settings.derivative_setpoint_weight - before.derivative_setpoint_weight
         self._shift += new_weight * (state.setpoint - self._origin)
+        level = self._trial.change(before, settings, state.integral)
         self._go_on_from(old)
+        if level is not None and settings.bumpless and not self._held:
+            self._shift_bias(level - state.integral)
+            self._owed, self._ticks_to_pay, self._returns = 0.0, 0, True
 
     @property
     def reading(self) -> Reading:
@@ -152,6 +160,8 @@ class FopidController:
             parts = state.proportional + state.integral + state.derivative + state.feedforward
             self._shift_bias(state.control - parts)
             self._owed, self._ticks_to_pay = 0.0, 0  # it stays in the bias
+        if mode == "manual":
+            self._trial.forget()
         state.mode = mode
 
     def step(
@@ -197,12 +207,8 @@ class FopidController:
         -------
         integrated, differentiated, correction : float
         """
-        if not (
-            LOWEST <= setpoint <= LARGEST
-            and LOWEST <= measurement <= LARGEST
-            and LOWEST <= feedforward <= LARGEST
-            and LOWEST <= manual <= LARGEST
-        ):
+        if not (LOWEST <= setpoint <= LARGEST and LOWEST <= measurement <= LARGEST
+                and LOWEST <= feedforward <= LARGEST and LOWEST <= manual <= LARGEST):  # fmt: skip
             raise refused(setpoint=setpoint, measurement=measurement, feedforward=feedforward, manual=manual)
         state = self.state
         self._last = last = state.control
@@ -216,10 +222,9 @@ class FopidController:
             setpoint = nearest_turn(setpoint, measurement)
         if not self._started:
             self._start(measurement, last)
-        if self._setpoint_move_max < math.inf:
-            setpoint = _limited(
-                setpoint, state.setpoint - self._setpoint_move_max, state.setpoint + self._setpoint_move_max
-            )
+        move_max = self._setpoint_move_max
+        if move_max < math.inf:
+            setpoint = _limited(setpoint, state.setpoint - move_max, state.setpoint + move_max)
         if self._held:
             self._before = state.proportional + state.derivative + state.feedforward
         elif self._joins:
@@ -246,13 +251,12 @@ class FopidController:
         automatic = state.mode == "auto"
         parts = state.proportional + state.integral + state.derivative + state.feedforward
         unlimited = parts if automatic else self._manual
-        free = (
-            self._low <= unlimited <= self._high
-            and -self._control_move_max <= unlimited - last <= self._control_move_max
-        )
+        free = (self._low <= unlimited <= self._high
+                and -self._control_move_max <= unlimited - last <= self._control_move_max)  # fmt: skip
         control = unlimited if free else self._limit(unlimited, last)
         state.control_unlimited, state.control, state.saturated = unlimited, control, control != unlimited
-        self._implied_control = unlimited if automatic else control
+        self._returns = self._returns and not free and self._low < control < self._high
+        self._implied_control = unlimited if automatic and not self._returns else control
         return control
 
     def set_interval(self, interval: float) -> None:

@@ -92,6 +92,9 @@ class ControllerSettings:
         place: the error is the shortest way, -pi to pi.
     variable_step : bool
         Whether the controller is told before each step how long the last sample is ago (``set_interval``).
+    on_trial : bool
+        Whether the gains are not known to hold the loop. Where those from before come back, ``bumpless``, the integral
+        goes on from where they left it, and not from where the gains on trial drove the control.
     """
 
     gains: Fopid
@@ -114,6 +117,7 @@ class ControllerSettings:
     measurement_filter_order: int = 0
     measurement_filter_time: float = 0.0
     variable_step: bool = False
+    on_trial: bool = False
 
     def __post_init__(self) -> None:
         for name in ("kp", "ki", "kd"):

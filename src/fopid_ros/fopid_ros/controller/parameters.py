@@ -144,6 +144,7 @@ def controller_settings(values: dict[str, Any], control_type: SignalType) -> Con
         band=Band.for_sample_time(values["sample_time"], values["horizon"], **band),
         control_min=max(values["control_min"], control_type.low),
         control_max=min(values["control_max"], control_type.high),
+        on_trial=values["gains.status"] == "trial",
         **{name: values[name] for name in _SAME_IN_THE_CORE},
     )
 

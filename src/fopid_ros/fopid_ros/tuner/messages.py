@@ -314,10 +314,10 @@ def fill_autotune_result(message: Autotune.Result, outcome: Outcome) -> None:
     message.proposals = [proposal_message(one, outcome.deadband) for one in known]
     if outcome.previous is not None:
         fill_previous(message, outcome.previous)
-    if outcome.tuned is None or outcome.tuned.tuning is None:
+    if outcome.tuned is None or outcome.tuning is None:
         return
-    if outcome.tuned.tuning.controller is not None:
-        fill_gains(message.gains, outcome.tuned.tuning.controller)
-    fill_measures(message.achieved, outcome.tuned.tuning)
+    if outcome.tuning.controller is not None:
+        fill_gains(message.gains, outcome.tuning.controller)
+    fill_measures(message.achieved, outcome.tuning)
     if outcome.tuned.robustness is not None:
         message.worst_ms = outcome.tuned.robustness.ms

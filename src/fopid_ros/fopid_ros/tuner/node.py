@@ -462,7 +462,7 @@ class TunerNode(ManagedNode):
     def _publish_learnt(
         self, method: str, result: Autotune.Result, outcome: Outcome, trial: Trial | None = None
     ) -> None:
-        tuning = outcome.tuned.tuning if outcome.tuned else None
+        tuning = outcome.tuning
         message = nothing_known(TuningResultMessage(
             method=f"{method} {tuning.method}" if tuning else method, process=result.model.process,
             success=result.success, applied=result.applied, message=result.message,

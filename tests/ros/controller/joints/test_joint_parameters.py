@@ -23,15 +23,18 @@ def values(**given: object) -> dict[str, object]:
 
 
 def test_every_setting_of_the_core_is_a_joints_own_or_common() -> None:
-    known = {*OF_A_JOINT, *(name.split(".")[0] for name in OF_ALL), "gains"}
+    known = {*OF_A_JOINT, *(name.split(".")[0] for name in OF_ALL), "gains", "on_trial"}  # its gains.status
     none = {"variable_step"}  # all joints tick together
     assert {field.name for field in fields(ControllerSettings)} - known == none
 
 
 def test_a_joint_is_set_up_as_a_single_controller_with_the_same_parameters() -> None:
     own = {"kp": 2.0, "ki": 1.5, "lam": 0.8, "control_max": 3.0, "deadband": 0.1, "angle_wraparound": True}
-    given = values(**{f"gains.wrist.{name}": value for name, value in own.items()}, sample_time=0.02, horizon=9.0)
+    own["gains.status"] = "trial"
+    called = {f"gains.wrist.{name.removeprefix('gains.')}": value for name, value in own.items()}
+    given = values(**called, sample_time=0.02, horizon=9.0)
     elbow, wrist = joint_settings(given, signal_types(given)["control"])
+    assert (elbow.on_trial, wrist.on_trial) == (False, True)
     assert wrist == controller_settings({**SINGLE, **own, "sample_time": 0.02, "horizon": 9.0}, SignalType())
     assert elbow.gains == Fopid(0.0)
 

@@ -88,7 +88,7 @@ class Running:
                 raise CancelledError
             assert self._hook is not None
             self._hook(Tick(time, 1.0, self._measurement(time), 0.5))
-            for signal, value in (("setpoint", 1.0), ("measurement", self._measurement(time))):
+            for signal, value in (("setpoint", 1.0), ("measurement", self._measurement(time)), ("control", 0.5)):
                 self.history.add(signal, time, value)
             self.report(stage())
 

@@ -127,3 +127,17 @@ def test_a_loop_is_unmoved_since_the_last_move_also_where_its_gains_change_all_t
     history.changed = 99.0  # a schedule's do
     assert history.unmoved(5).tolist() == [95.0, 96.0, 97.0, 98.0, 99.0]
     assert history.unmoved(1000).tolist() == list(range(40, 100))
+
+
+def test_what_other_gains_have_done_to_the_control_counts_as_moved_from_outside() -> None:
+    history = filled()
+    history.add("excitation", 1.0, 0.5)
+    history.add("excitation", 2.0, 0.0)
+    history.add("excitation", 4.1, 9.0)  # within the trial, and part of its control
+    history.count_as_excitation(3.95)
+    history.add("measurement", 4.97, 60.0)
+    history.add("control", 5.0, 22.0)
+    added = history.record().excitation
+    assert added is not None
+    assert np.array_equal(added[:40], np.where((0.1 * np.arange(40) > 0.95) & (0.1 * np.arange(40) < 1.95), 0.5, 0.0))
+    assert np.array_equal(added[40:], [*range(9), 0.0, 0.0]), "from where it was, until others came"

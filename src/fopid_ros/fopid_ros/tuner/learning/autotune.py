@@ -57,7 +57,7 @@ AGREE = 1.5
 RESTS = 4
 """How often rest is waited for after gains that the loop did not bear, each time for a length of the experiment."""
 SLOWER = (0.7, 0.5, 0.35)
-"""How much slower gains that the loop did not bear are tried again, in turn."""
+"""How much slower the last gains of another kind that the loop did not bear are tried again, in turn."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class Autotuner:
 
     def _is_livelier(self, outcome: Outcome, before: RunningController | None = None) -> bool:
         """Whether new gains act far more strongly than those before, or than those that run now."""
-        tuning = outcome.tuned.tuning if outcome.tuned else None
+        tuning = outcome.tuning
         if outcome.model is None or tuning is None or tuning.controller is None:
             return False
         s = 1j * outcome.model.crossover
@@ -238,7 +238,7 @@ class Autotuner:
 
     def _apply(self, update: GainUpdate, outcome: Outcome, another: bool = False) -> Outcome:
         """Gains on trial, watched; before it is told how long that takes, with what follows."""
-        tuning = outcome.tuned.tuning if outcome.tuned else None
+        tuning = outcome.tuning
         if another or tuning is None or tuning.controller is None:
             then = "; then a second round" * another
             return update.apply_and_monitor(outcome, *self._what_is_borne(), then=then)
@@ -347,7 +347,7 @@ class Autotuner:
         even then, if anything; where nothing does, a ramp of the setpoint that is far better than none.
         """
         now, rest = self._rest.controller, self._rest
-        tuning = outcome.tuned.tuning if outcome.tuned else None
+        tuning = outcome.tuning
         if self._learnt is None or tuning is None or tuning.controller is None or not math.isfinite(now.control_range):
             return None, ""
         record = self._heard(self._tap.history.whole_since)
@@ -380,10 +380,10 @@ class Autotuner:
 
         Where it does not bear any of them, those from before stay.
         """
-        if self._learnt is None or failed.tuned is None or failed.tuned.tuning is None:
+        if self._learnt is None or failed.tuning is None:
             return failed
-        update, reach = self._gain_update, self._experiment.reach
-        for said, design in self._others(update, failed.tuned.tuning):
+        update, reach, not_borne = self._gain_update, self._experiment.reach, [failed]
+        for said, design in self._others(update, not_borne):
             self._wait.begin_round("other gains", (0.95, 1.0))
             try:
                 running = LoopBaseline(read_running_controller(self._client))
@@ -396,6 +396,7 @@ class Autotuner:
             except InputError as error:
                 update.roll_back()
                 return replace(failed, message=f"{failed.message}; others were not tried to the end: {error}")
+            not_borne += [outcome] * outcome.rolled_back
             if outcome.applied:
                 return replace(outcome, message=f"{outcome.message}; {said} that came first: {failed.message}")
         return replace(failed, message=f"{failed.message}; others did not do either: {outcome.message}")
@@ -409,21 +410,20 @@ class Autotuner:
                 continue
         return self._experiment.measure(announced=False)
 
-    def _others(self, update: GainUpdate, design: TuningResult) -> Iterator[tuple[str, Callable[[], Outcome]]]:
-        """What else is tried: how it is called, and how it is made."""
-        if self._learnt is None:
-            return
-        yield "learnt from that as well, others than those", partial(self._learn_anew, design)
+    def _others(self, update: GainUpdate, not_borne: list[Outcome]) -> Iterator[tuple[str, Callable[[], Outcome]]]:
+        """What else is tried: how it is called, and how it is made; what of it was not borne either is added."""
+        yield "learnt from that as well, others than those", partial(self._learn_anew, not_borne[0].tuning)
         if math.isfinite(self._rate):
             yield "for that actuator, others than those", partial(self._designed, update, *self._learnt)
-        for share in SLOWER:
-            slower = partial(self._designed, update, *self._learnt, slower=(design, share))
-            yield f"{share:g} times as fast as those", slower
+        last, those = not_borne[-1].tuning, "those" if len(not_borne) == 1 else "others than those"
+        for share in SLOWER if last else ():
+            slower = partial(self._designed, update, *self._learnt, slower=(last, share))
+            yield f"{share:g} times as fast as {those}", slower
 
     def _learn_anew(self, failed: TuningResult) -> Outcome:
         """What all that was heard comes to, with what was not borne; nothing where it comes to that again."""
         outcome = self._learn(self._tap.history.whole_since)
-        new = outcome.tuned.tuning.controller if outcome.success and outcome.tuned and outcome.tuned.tuning else None
+        new = outcome.tuning.controller if outcome.success and outcome.tuning else None
         if new is None or failed.controller is None or outcome.model is None:
             return outcome
         alike = act_alike(new, failed.controller, outcome.model.crossover)

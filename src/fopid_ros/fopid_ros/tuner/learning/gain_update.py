@@ -92,9 +92,14 @@ class Outcome:
     pace: Pace = UNPACED
     deadband: float = 0.0
 
+    @property
+    def tuning(self) -> TuningResult | None:
+        """The design."""
+        return self.tuned.tuning if self.tuned else None
+
     def held(self, pace: Pace) -> Outcome:
         """With its gains held to a pace that was found after they were designed."""
-        used = self.tuned.tuning.controller if self.tuned and self.tuned.tuning else None
+        used = self.tuning.controller if self.tuning else None
 
         def is_used(one: Candidate) -> bool:
             return used is not None and one.tuned.tuning is not None and one.tuned.tuning.controller == used
@@ -160,7 +165,7 @@ def _first_objection(judges: Iterable[Judge], tuning: TuningResult) -> str:
 
 def response_time(outcome: Outcome) -> float:
     """Of the loop with the gains found [s]."""
-    achieved = outcome.tuned.tuning.achieved if outcome.tuned and outcome.tuned.tuning else None
+    achieved = outcome.tuning.achieved if outcome.tuning else None
     return 2.0 / achieved.crossover if achieved else math.nan
 
 
@@ -322,7 +327,7 @@ class GainUpdate:
         proof, then
             As of `Trial`.
         """
-        design = outcome.tuned.tuning if outcome.tuned else None
+        design = outcome.tuning
         if design is None or design.controller is None or design.achieved is None:
             raise InputError("a tuning without gains; allowed: one that succeeded")
         chosen = None if design.filter.is_idle and design.weights == WHOLE_SETPOINT else design.weights
@@ -342,7 +347,7 @@ class GainUpdate:
         left = window + trial.proof
         told = f"about {left:.3g} s more to watch{' and to prove' if trial.proof else ''} them{trial.then}"
         self._wait.report(Stage("applying", 0.75, left, message=f"{trial.design.gains}; {told}"))
-        self._trial = trial.design
+        self._trial, began = trial.design, self._tap.history.newest_time("control")
         try:
             self._previous = self._client.apply(self._trial, "trial", outcome.certificate)
         except UnconfirmedError as error:  # they may have been taken: taking back must not depend on it
@@ -357,6 +362,7 @@ class GainUpdate:
             told += f"; {counting_as_none(trial.design.deadband)}" if trial.design.deadband else ""
             return replace(applied, message=told)
         self.roll_back_or_raise()
+        self._tap.history.count_as_excitation(began)
         return replace(applied, success=False, applied=False, rolled_back=True,
                        message=f"the previous gains are back, since the loop got worse: {watch.reason}")  # fmt: skip
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from array import array
+from bisect import bisect_left
 
 import numpy as np
 
@@ -102,6 +103,17 @@ class History:
                 self.changed = -math.inf
             samples.add(time, value)
             samples.forget(min(time - self.kept, self.whole_since))
+
+    def count_as_excitation(self, since: float) -> None:
+        """What the control has done from then on [s] moved the loop from outside: other gains than its own did it."""
+        with self._lock:
+            control, added = self._samples["control"], self._samples[EXCITATION]
+            first = bisect_left(control.times, since, control.begin)
+            while len(added) and added.times[-1] >= since:
+                added.times.pop(), added.values.pop()
+            for time, value in zip(control.times[first:], control.values[first:], strict=True):
+                added.add(time, value - control.values[first])
+            added.add(control.times[-1], 0.0)
 
     def newest(self, signal: str) -> float:
         """The newest value, NaN before the first."""
