@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from fopid_core.model.fopid import Fopid
@@ -37,25 +37,45 @@ def push_away(controller: FopidController, ticks: int = 100, measurement: float 
         controller.step(1.0, measurement)
 
 
+def without_error(controller: FopidController) -> float:
+    """The control, once measurement and setpoint are the same."""
+    controller.step(1.0, 1.0)
+    return controller.step(1.0, 1.0)
+
+
 orders, gains = st.floats(0.3, 1.7), st.floats(-5.0, 5.0)
 controllers = st.builds(Fopid, gains, gains, gains, orders, st.floats(0.3, 1.0))
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
-@given(controllers, controllers, st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=40), st.floats(0.0, 1.0))
-def test_the_integral_is_where_it_was_whatever_the_trial_did(
-    before: Fopid, tried: Fopid, measured: list[float], weight: float
+@given(
+    controllers, controllers, st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=15), st.floats(0.0, 1.0),
+    st.floats(-2.0, 2.0),
+)  # fmt: skip
+def test_the_control_without_an_error_is_what_it_was_whatever_the_trial_did(
+    before: Fopid, tried: Fopid, measured: list[float], weight: float, moved: float
 ) -> None:
-    controller = FopidController(ControllerSettings(before, sample_time=H, setpoint_weight=weight, on_trial=False))
-    for k in range(20):
-        controller.step(1.0, 0.1 * k)
-    level = controller.state.integral
-    change(controller, tried, on_trial=True)
-    for value in measured:
-        controller.step(1.0, value)
-    change(controller, before)
-    if tried != before:
-        assert controller.state.integral == pytest.approx(level, rel=1e-9, abs=1e-9)
+    """Beside a twin that is given the same gains without a bump; the setpoint's weight moves the integral with it."""
+    assume(tried != before)
+    controls, levels = [], []
+    for confirmed in (False, True):
+        controller = FopidController(ControllerSettings(before, sample_time=H, setpoint_weight=weight))
+
+        def level(one: FopidController = controller) -> float:
+            return one.state.integral - before.kp * (1.0 - weight) * one.state.setpoint
+
+        for k in range(20):
+            controller.step(1.0, 0.1 * k)
+        began = level()
+        change(controller, tried, on_trial=True)
+        for value in measured:
+            controller.step(1.0 + moved, value)
+        if confirmed:
+            change(controller, tried)
+        change(controller, before)
+        levels.append(level() - began)
+        controls.append(controller.step(1.0 + moved, 0.3))
+    assert controls[1] - controls[0] == pytest.approx(levels[1], rel=1e-7, abs=1e-7)
 
 
 def test_the_control_is_that_of_a_pi_whose_integral_stood_still_meanwhile() -> None:
@@ -98,9 +118,9 @@ def test_trials_within_trials_go_back_one_by_one_or_all_at_once() -> None:
         push_away(controller)
         if not at_once:
             change(controller, WILD, on_trial=True)
-            assert controller.state.integral == pytest.approx(second)
+            assert without_error(controller) == pytest.approx(second, abs=0.1)
         change(controller, WEAK)
-        assert controller.state.integral == pytest.approx(first)
+        assert without_error(controller) == pytest.approx(first, abs=0.01)
 
 
 def test_trials_without_end_are_not_all_remembered() -> None:
@@ -122,7 +142,7 @@ def test_a_renewed_trial_is_the_same_one_and_a_filter_is_part_of_it() -> None:
     push_away(controller)
     back = {"measurement_filter_order": 0, "measurement_filter_time": 0.0}
     controller.reconfigure(replace(controller.settings, on_trial=False, **back))
-    assert controller.state.integral == pytest.approx(level)
+    assert without_error(controller) == pytest.approx(level, abs=1e-3)
 
 
 def test_who_goes_to_manual_meanwhile_is_the_one_who_says_where_the_control_is() -> None:
@@ -135,14 +155,80 @@ def test_who_goes_to_manual_meanwhile_is_the_one_who_says_where_the_control_is()
     assert controller.step(1.0, 0.5) == pytest.approx(7.0, abs=0.01)
 
 
-def test_while_the_measurement_is_lost_the_control_stays_where_it_is_held() -> None:
+def test_while_the_measurement_is_lost_the_control_stays_where_it_is_held_and_then_it_comes_back() -> None:
+    """A sample that was lost in the middle of a swing kept its control for good."""
     controller = at_work()
+    level = controller.state.integral
     change(controller, WILD, on_trial=True)
     push_away(controller)
-    held = controller.hold(0.0)
+    held = controller.hold()
     change(controller, WEAK)
-    assert controller.hold() == held
-    assert controller.step(1.0, 0.5) == pytest.approx(held, abs=0.01)
+    assert controller.hold() == held > 10.0
+    controller.step(1.0, 1.0)
+    assert without_error(controller) == pytest.approx(level, abs=0.1)
+
+
+def test_a_trial_that_was_begun_by_hand_has_nothing_to_go_back_to() -> None:
+    controller = at_work()
+    controller.set_mode("manual")
+    controller.step(1.0, 1.0, manual=7.0)
+    change(controller, WILD, on_trial=True)
+    controller.set_mode("auto")
+    controller.step(1.0, 1.0)
+    change(controller, WEAK)
+    assert without_error(controller) == pytest.approx(7.0)
+
+
+def test_a_controller_without_an_integral_keeps_nothing_of_a_hold() -> None:
+    controller = FopidController(ControllerSettings(Fopid(1.0), sample_time=H))
+    controller.step(0.0, 0.0)
+    for _ in range(20):
+        controller.hold(5.0)
+    controller.step(0.0, 0.0)
+    change(controller, Fopid(2.0), on_trial=True)
+    for _ in range(50):
+        controller.step(0.0, 0.0)
+    change(controller, Fopid(1.0))
+    assert controller.step(0.0, 0.0) == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("tracking_time", [0.0, 0.02, 0.5])
+def test_what_was_limited_on_trial_is_no_excess_of_the_gains_from_before(tracking_time: float) -> None:
+    controller = at_work(control_min=-5.0, control_max=5.0, tracking_time=tracking_time)
+    level = controller.state.integral
+    change(controller, Fopid(50.0, 80.0), on_trial=True)
+    push_away(controller, measurement=0.0)
+    change(controller, WEAK)
+    assert without_error(controller) == pytest.approx(level, abs=1e-3)
+
+
+@pytest.mark.parametrize(("load", "setpoint"), [(-1.5, 1.0), (0.0, 3.0)])
+def test_a_trial_that_has_found_rest_elsewhere_is_where_the_plant_is_held_now(load: float, setpoint: float) -> None:
+    """The level from before was right for another load: weak gains took half a minute to find it again."""
+    plant = Plant(PlantSettings(read_process("1/(s+1)*exp(-0.1s)"), sample_time=H))
+    controller = FopidController(ControllerSettings(WEAK, sample_time=H))
+    simulate(controller, plant, 20_000, lambda _: 1.0)
+    change(controller, Fopid(2.0, 2.0), on_trial=True)
+    simulate(controller, plant, 2000, lambda k: setpoint if k > 500 else 1.0, lambda k: load if k > 500 else 0.0)
+    change(controller, WEAK)
+    after = simulate(controller, plant, 2000, lambda _: setpoint, lambda _: load)
+    assert abs(after.measurement - setpoint).max() < 0.02
+
+
+def test_a_lively_loop_behind_a_slow_actuator_is_not_driven_to_swing_by_the_way_back() -> None:
+    """Anti-windup that stood back until the control was free of its rate stood back for ever: it swung by 23."""
+    plant = Plant(PlantSettings(read_process("1/s*exp(-0.03s)"), sample_time=H))
+    lively = ControllerSettings(Fopid(11.1, 31.2), sample_time=H, control_min=-10.0, control_max=10.0,
+                                control_rate_max=0.58)  # fmt: skip
+    controller = FopidController(lively)
+    simulate(controller, plant, 2500, lambda k: min(0.2, 1e-3 * k), lambda _: -0.3)
+    assert plant.measurement == pytest.approx(0.2, abs=0.01)
+    change(controller, Fopid(45.8, 395.0), on_trial=True)
+    trial = simulate(controller, plant, 116, lambda _: 0.25, lambda _: -0.3)
+    change(controller, lively.gains)
+    after = simulate(controller, plant, 3000, lambda _: 0.25, lambda _: -0.3)
+    assert abs(after.measurement - 0.25).max() < 2.0 * abs(trial.measurement - 0.25).max()
+    assert after.measurement[-500:] == pytest.approx(0.25, abs=0.01)
 
 
 def test_without_bumpless_changes_it_is_a_controller_that_never_knew_the_trial() -> None:
@@ -176,7 +262,7 @@ def test_an_actuators_rate_delays_the_return_and_does_not_end_it(
         if variable_step:
             controller.set_interval(H)
         seen.append(controller.step(1.0, 1.0))
-    assert away - seen[0] == pytest.approx(20.0 * H), "as fast as it may"
+    assert away - seen[0] == pytest.approx(20.0 * H, rel=0.02), "as fast as it may"
     needed = math.ceil((away - level) / (20.0 * H)) + 1
     assert needed < 150
     assert seen[needed] == pytest.approx(level, abs=0.02)

@@ -21,6 +21,7 @@ from fopid_core.runtime.antiwindup import (
 from fopid_core.runtime.controller_state import ControllerState, Mode
 from fopid_core.runtime.filter_bank import Band, integral_weights
 from fopid_core.runtime.gain_trial import GainTrial
+from fopid_core.runtime.instalments import Instalments
 from fopid_core.runtime.measurement_filter import RunningFilter
 from fopid_core.runtime.operators import Operators
 from fopid_core.runtime.reading import Reading, reading_of
@@ -89,9 +90,8 @@ class FopidController:
         self._implied_control = self._settings.safe_control  # the control that what is remembered stands for
         self._held = False  # whether the last tick was a hold
         self._joins = False  # whether a filter takes over at the next tick
-        self._owed, self._ticks_to_pay = 0.0, 0  # the part of the bias that holds left, and in how many ticks it goes
-        self._trial = GainTrial()
-        self._returns = False  # whether the control is on its way, as fast as it may, to where it was before a trial
+        self._owed = Instalments()  # the part of the bias that holds left
+        self._trial, self._way_back = GainTrial(), Instalments()
         self.state = ControllerState(control=self._settings.safe_control, mode=self.state.mode)
 
     def reconfigure(self, settings: ControllerSettings) -> None:
@@ -99,12 +99,11 @@ class FopidController:
 
         With ``bumpless`` the next control moves by what a controller with the new gains all along would
         have moved it by; without, it goes to where such a controller would have been. The past holds noise that a
-        slower filter of the measurement would not have let in: the derivative forgets what is faster than that filter
-        before it is read for the last time, so that no integral takes up what noise made of it at this very tick, and
-        integral and setpoint alone move the next control. Gains that come back from before a trial go on from where
-        the integral was before it: that is a step of the control, as fast as its rate allows.
+        slower filter of the measurement would not have let in: the derivative forgets it before it is read for the
+        last time, so that no integral takes it up, and integral and setpoint alone move the next control. Gains that
+        come back from before a trial take the control with them (``GainTrial``), as fast as its rate allows.
         """
-        state, before = self.state, self._settings
+        state, before, level = self.state, self._settings, self._level
         old = self._settle() if settings.gains != before.gains else self._parts
         slower = settings.measurement_filter.lag > before.measurement_filter.lag
         if slower and settings.bumpless and self._started:
@@ -115,11 +114,13 @@ class FopidController:
         # A new weight must not look like a jump of the differentiated signal.
         new_weight = settings.derivative_setpoint_weight - before.derivative_setpoint_weight
         self._shift += new_weight * (state.setpoint - self._origin)
-        level = self._trial.change(before, settings, state.integral)
+        target = self._trial.change(before, settings, level)
         self._go_on_from(old)
-        if level is not None and settings.bumpless and not self._held:
-            self._shift_bias(level - state.integral)
-            self._owed, self._ticks_to_pay, self._returns = 0.0, 0, True
+        if target is not None and settings.bumpless:
+            self._owed.forget()
+            self._implied_control, way = state.control, self._way_back
+            way.left = target - self._level
+            way.ticks = max(math.ceil(abs(way.left) / self._control_move_max), 1)
 
     @property
     def reading(self) -> Reading:
@@ -149,7 +150,7 @@ class FopidController:
 
     def fade_bias(self, share: float) -> None:
         """Give up a share of what bumpless changes have left behind: without an integral nothing else takes it back."""
-        self._shift_bias(-share * (self._bias - self._owed))
+        self._shift_bias(-share * (self._bias - self._owed.left))
 
     def set_mode(self, mode: Mode) -> None:
         """Switch between automatic and manual; the control signal does not jump."""
@@ -159,9 +160,9 @@ class FopidController:
         if mode == "auto" and state.mode == "manual":
             parts = state.proportional + state.integral + state.derivative + state.feedforward
             self._shift_bias(state.control - parts)
-            self._owed, self._ticks_to_pay = 0.0, 0  # it stays in the bias
-        if mode == "manual":
-            self._trial.forget()
+            self._owed.forget()  # it stays in the bias
+        if mode != state.mode:
+            self._trial, self._way_back = GainTrial(), Instalments()
         state.mode = mode
 
     def step(
@@ -246,8 +247,12 @@ class FopidController:
         elif self._joins:
             self._shift_bias(self._before - state.proportional - state.derivative)
             self._joins = False
-        if self._ticks_to_pay:
-            self._pay_back()
+        if self._owed.ticks and self._integrates:  # an integral, where there is one, pays it back by itself
+            self._owed.forget()
+        elif self._owed.ticks:
+            self._shift_bias(-self._owed.pay())
+        if self._way_back.ticks:
+            self._shift_bias(self._way_back.pay())
         automatic = state.mode == "auto"
         parts = state.proportional + state.integral + state.derivative + state.feedforward
         unlimited = parts if automatic else self._manual
@@ -255,8 +260,9 @@ class FopidController:
                 and -self._control_move_max <= unlimited - last <= self._control_move_max)  # fmt: skip
         control = unlimited if free else self._limit(unlimited, last)
         state.control_unlimited, state.control, state.saturated = unlimited, control, control != unlimited
-        self._returns = self._returns and not free and self._low < control < self._high
-        self._implied_control = unlimited if automatic and not self._returns else control
+        self._implied_control = unlimited if automatic else control
+        if self._settings.on_trial:
+            self._trial.watch(self._level, self._kp * state.error, limited=state.saturated)
         return control
 
     def set_interval(self, interval: float) -> None:
@@ -310,8 +316,7 @@ class FopidController:
 
         What is remembered of the signals stands still. The integral takes up the difference, so that the next
         ``step`` goes on from the held control: proportional, derivative and feedforward begin there without a
-        jump, whatever the inputs did meanwhile, and only the integral moves it. A controller that does not
-        integrate gives the difference back in equal parts, in as many ticks as were held.
+        jump, and only the integral moves it. A controller without one gives the difference back in as many ticks.
 
         Parameters
         ----------
@@ -336,7 +341,7 @@ class FopidController:
         state.control_unlimited, state.control, state.saturated = wanted, held, held != wanted
         self._owe(held - state.proportional - state.integral - state.derivative - state.feedforward)
         self._implied_control, self._held = held, True
-        self._ticks_to_pay += 1
+        self._owed.ticks += 1
         return held
 
     @property
@@ -344,11 +349,14 @@ class FopidController:
         """The control without the feedforward."""
         return self.state.proportional + self.state.integral + self.state.derivative
 
-    def _settle(self) -> float:
-        """Before other gains: take in what was limited by the old ones; give the parts as they are then.
+    @property
+    def _level(self) -> float:
+        """The control without an error, and without what holds have left."""
+        state = self.state
+        return state.integral - self._owed.left - self._kp * self._off_proportional * (state.setpoint - self._origin)
 
-        Those of the realisable error: what the error asked for beyond it never was control, and must not become it.
-        """
+    def _settle(self) -> float:
+        """Before other gains: take in what was limited by the old ones; give the parts of the realisable error."""
         if self._conditioned:
             taken = self._windup_excess(self.state.control - self._implied_control)
             self._operators.correct(taken)
@@ -481,15 +489,7 @@ class FopidController:
     def _owe(self, step: float) -> None:
         """The same for a hold, which leaves no constant behind."""
         self._shift_bias(step)
-        self._owed += step
-
-    def _pay_back(self) -> None:
-        """After holds, one tick's part of what they left; an integral, where there is one, does so by itself."""
-        if self._integrates:
-            self._owed, self._ticks_to_pay = 0.0, 0  # it stays in the bias
-            return
-        self._owe(-self._owed / self._ticks_to_pay)
-        self._ticks_to_pay -= 1
+        self._owed.left += step
 
     def _limit(self, wanted: float, last: float) -> float:
         limited = _limited(wanted, self._low, self._high)

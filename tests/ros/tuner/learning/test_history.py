@@ -134,10 +134,19 @@ def test_what_other_gains_have_done_to_the_control_counts_as_moved_from_outside(
     history.add("excitation", 1.0, 0.5)
     history.add("excitation", 2.0, 0.0)
     history.add("excitation", 4.1, 9.0)  # within the trial, and part of its control
-    history.count_as_excitation(3.95)
-    history.add("measurement", 4.97, 60.0)
-    history.add("control", 5.0, 22.0)
+    history.count_as_excitation(3.95, 4.85)
     added = history.record().excitation
     assert added is not None
     assert np.array_equal(added[:40], np.where((0.1 * np.arange(40) > 0.95) & (0.1 * np.arange(40) < 1.95), 0.5, 0.0))
-    assert np.array_equal(added[40:], [*range(9), 0.0, 0.0]), "from where it was, until others came"
+    assert np.array_equal(added[40:], [*range(9), 0.0]), "from where it was, until others came"
+    history.add("excitation", 4.9, 3.0)
+    history.count_as_excitation(math.inf, math.inf)
+    assert np.array_equal(history.record().excitation[48:], [8.0, 3.0]), "what comes later stays, and no trial is none"
+
+
+def test_a_trial_of_which_nothing_was_heard_is_no_excitation() -> None:
+    history = History(100.0)
+    history.count_as_excitation(0.0, 1.0)
+    history.add("measurement", 0.5, 1.0)
+    history.count_as_excitation(0.0, 1.0)
+    assert math.isnan(history.newest("excitation"))

@@ -156,9 +156,12 @@ class Search:
         return None if found.refusal or (self._leaves_much(found.best) and not is_judged) else found
 
     def _beside_wandering_loads(self, record: Record, found: Found) -> Found:
-        """A process beside loads that wander, where that explains some of what moved the loop from outside."""
+        """A process beside loads that wander, where that explains some of what moved the loop from outside.
+
+        Not where one that runs away explains more: its loop answers a load as one does whose load wanders.
+        """
         best = beside_wandering_loads(record)
-        if best is None or best.fit_pct <= 0.0:
+        if best is None or best.fit_pct <= 0.0 or _runs_away_instead(record, found, best):
             return found
         refusal = refusal_of(record, best, self.noise) or refusal_beside_the_setpoint(record, best)
         if refusal and not found.refusal:
@@ -243,6 +246,16 @@ def _in_any_noise(
         if held.in_coloured_noise and not refusal_of(record, held, noise):
             return held
     return found
+
+
+def _runs_away_instead(record: Record, found: Found, wandering: IdentifiedModel) -> bool:
+    """Whether one that runs away, in noise with memory, leaves surprises as small as loads that wander."""
+    if not (record.is_regular and any(model.structure.runs_away for model in found.models)):
+        return False
+    fits = [model.fitted for model in found.models if model.structure.runs_away]
+    whole = [each for each in fits if each.rows.size == record.time.size]
+    errors = [fit_in_coloured_noise(each, np.ones_like(each.rows))[1].error for each in whole]
+    return min(errors, default=math.inf) <= wandering.white.error
 
 
 def _models(record: Record, rough: Fit, structures: list[Structure]) -> tuple[IdentifiedModel, ...]:

@@ -128,13 +128,9 @@ class Autotuner:
 
     def _take_for(self, controller: RunningController, before: Reach, noise_gain_aim: float = math.inf) -> None:
         """Begin a round with the controller as it runs."""
-        self._controller = controller
-        self._experiment = ClosedLoopExperiment(
-            self._tap, self._wait, LoopBaseline(controller), self._request.experiment, before
-        )
-        self._gain_update = GainUpdate(
-            self._tap, self._client, self._wait, controller, self._request.criteria, noise_gain_aim
-        )
+        self._controller, loop, asked = controller, LoopBaseline(controller), self._request
+        self._experiment = ClosedLoopExperiment(self._tap, self._wait, loop, asked.experiment, before)
+        self._gain_update = GainUpdate(self._tap, self._client, self._wait, controller, asked.criteria, noise_gain_aim)
         self._updates.append(self._gain_update)
 
     def plan(self) -> tuple[list[str], float]:
@@ -416,13 +412,16 @@ class Autotuner:
         if math.isfinite(self._rate):
             yield "for that actuator, others than those", partial(self._designed, update, *self._learnt)
         last, those = not_borne[-1].tuning, "those" if len(not_borne) == 1 else "others than those"
-        for share in SLOWER if last else ():
+        for share in SLOWER:
             slower = partial(self._designed, update, *self._learnt, slower=(last, share))
             yield f"{share:g} times as fast as {those}", slower
 
     def _learn_anew(self, failed: TuningResult) -> Outcome:
         """What all that was heard comes to, with what was not borne; nothing where it comes to that again."""
-        outcome = self._learn(self._tap.history.whole_since)
+        outcome, swing = self._learn(self._tap.history.whole_since), self._gain_update.not_borne
+        if outcome.tuned is None and math.isfinite(swing[0]):  # no process: the swing itself may show it
+            self._tap.history.count_as_excitation(*swing)
+            outcome = self._learn(self._tap.history.whole_since)
         new = outcome.tuning.controller if outcome.success and outcome.tuning else None
         if new is None or failed.controller is None or outcome.model is None:
             return outcome

@@ -181,6 +181,11 @@ class GainUpdate:
     criteria : AcceptanceCriteria
     noise_gain_aim : float
         What an earlier round aimed at of the noise gain; infinite where this is the first.
+
+    Attributes
+    ----------
+    not_borne : tuple of float
+        When gains that made the loop worse were tried, from and to [s]; infinite where that has not been.
     """
 
     def __init__(
@@ -195,6 +200,7 @@ class GainUpdate:
         self._tap, self._client, self._wait, self._noise_gain_aim = tap, client, wait, noise_gain_aim
         wait.sample_time = controller.sample_time
         self._controller, self._criteria = controller, criteria
+        self.not_borne = math.inf, math.inf
         self._previous: RunningDesign | None = None
         self._trial: RunningDesign | None = None
 
@@ -362,7 +368,7 @@ class GainUpdate:
             told += f"; {counting_as_none(trial.design.deadband)}" if trial.design.deadband else ""
             return replace(applied, message=told)
         self.roll_back_or_raise()
-        self._tap.history.count_as_excitation(began)
+        self.not_borne = began, self._tap.history.newest_time("control")
         return replace(applied, success=False, applied=False, rolled_back=True,
                        message=f"the previous gains are back, since the loop got worse: {watch.reason}")  # fmt: skip
 

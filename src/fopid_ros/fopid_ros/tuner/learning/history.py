@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from array import array
-from bisect import bisect_left
 
 import numpy as np
 
@@ -104,16 +103,20 @@ class History:
             samples.add(time, value)
             samples.forget(min(time - self.kept, self.whole_since))
 
-    def count_as_excitation(self, since: float) -> None:
-        """What the control has done from then on [s] moved the loop from outside: other gains than its own did it."""
+    def count_as_excitation(self, since: float, until: float) -> None:
+        """What the control did meanwhile [s] moved the loop from outside: other gains than its own did it."""
         with self._lock:
-            control, added = self._samples["control"], self._samples[EXCITATION]
-            first = bisect_left(control.times, since, control.begin)
-            while len(added) and added.times[-1] >= since:
-                added.times.pop(), added.values.pop()
-            for time, value in zip(control.times[first:], control.values[first:], strict=True):
-                added.add(time, value - control.values[first])
-            added.add(control.times[-1], 0.0)
+            control, added = (self._samples[name].table() for name in ("control", EXCITATION))
+            within = (control[:, 0] >= since) & (control[:, 0] < until)
+            if not within.any():
+                return
+            moved = control[within] - [0.0, control[within][0, 1]]
+            after = added[added[:, 0] >= until]
+            parts = (added[added[:, 0] < since], moved, [[until, 0.0]], after)
+            samples = self._samples[EXCITATION]
+            samples.clear()
+            for column, values in zip((samples.times, samples.values), np.concatenate(parts).T, strict=True):
+                column.frombytes(values.tobytes())
 
     def newest(self, signal: str) -> float:
         """The newest value, NaN before the first."""
