@@ -72,6 +72,18 @@ def test_an_actuator_that_is_slow_is_learnt_beside_them() -> None:
 
 
 @pytest.mark.slow
+def test_a_process_that_was_learnt_from_a_part_is_looked_at_anew_in_the_whole() -> None:
+    """An experiment learns from its moves, and then asks all that was heard: rows of the part met samples of the whole."""
+    day = Day(walk=0.005, moves=(3.0, -3.0, 3.0), rate=0.01)
+    record = day.record(0)
+    found = beside_wandering_loads(record.part(float(record.time[0]), float(record.time[-400])))
+    assert found is not None
+    behind = slow_beside_wandering_loads(record, found)
+    assert behind is not None
+    assert behind.flaws.rate == pytest.approx(0.01, rel=0.1)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("day", [Day(), Day(walk=0.005, sticks=0.6)])
 def test_no_actuator_is_called_slow_that_is_not(day: Day) -> None:
     record = day.record(1)

@@ -105,11 +105,13 @@ def slow_beside_wandering_loads(record: Record, learnt: IdentifiedModel) -> Iden
     ----------
     record : Record
     learnt : IdentifiedModel
-        From it, beside loads that wander.
+        From it, or from a part of it, beside loads that wander.
     """
     if learnt.flaws.dead_band:
         return None
     even, plain, white = _of_interest(record), learnt.fitted, learnt.white
+    if not np.array_equal(white.response.record.control, even.control):
+        plain, white = _turns(even, plain.x, _whitening(white))
     moved = float(np.ptp(even.control))
     fastest = float(np.abs(np.diff(even.control)).max()) / even.sample_time
     begins = [np.append(plain.x[:-1], share * plain.x[-1]) for share in SHORTER]
