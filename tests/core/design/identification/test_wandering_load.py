@@ -73,7 +73,7 @@ def test_an_actuator_that_is_slow_is_learnt_beside_them() -> None:
 
 @pytest.mark.slow
 def test_a_process_that_was_learnt_from_a_part_is_looked_at_anew_in_the_whole() -> None:
-    """An experiment learns from its moves, and then asks all that was heard: rows of the part met samples of the whole."""
+    """An experiment learns from its moves and then asks all that was heard: it ended in an index error."""
     day = Day(walk=0.005, moves=(3.0, -3.0, 3.0), rate=0.01)
     record = day.record(0)
     found = beside_wandering_loads(record.part(float(record.time[0]), float(record.time[-400])))
