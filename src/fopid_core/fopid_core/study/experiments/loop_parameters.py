@@ -15,7 +15,8 @@ from fopid_core.runtime.plant import PlantSettings
 GAINS = ("kp", "ki", "kd", "lam", "mu")
 SIGNALS = ("setpoint", "measurement", "feedforward", "manual_control", "control", "tracking", "scheduling_variable")
 
-_SETTINGS = tuple(field.name for field in fields(ControllerSettings) if field.name not in ("gains", "band"))
+_NOT_HERE = ("gains", "band", "on_trial")
+_SETTINGS = tuple(field.name for field in fields(ControllerSettings) if field.name not in _NOT_HERE)
 _BAND = {"band.low": float, "band.high": float, "band.poles": int}
 _OF_THE_NODE = {
     **{f"{signal}_timeout": float for signal in SIGNALS if signal != "control"},
