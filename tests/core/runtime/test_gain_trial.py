@@ -216,19 +216,19 @@ def test_a_trial_that_has_found_rest_elsewhere_is_where_the_plant_is_held_now(lo
 
 
 def test_a_lively_loop_behind_a_slow_actuator_is_not_driven_to_swing_by_the_way_back() -> None:
-    """Anti-windup that stood back until the control was free of its rate stood back for ever: it swung by 23."""
-    plant = Plant(PlantSettings(read_process("1/s*exp(-0.03s)"), sample_time=H))
-    lively = ControllerSettings(Fopid(11.1, 31.2), sample_time=H, control_min=-10.0, control_max=10.0,
+    """Anti-windup that stood back until the control was free of its rate stood back for ever: it swung by 14."""
+    process = read_process("1/s*exp(-0.03s)")
+    plant = Plant(PlantSettings(process, sample_time=H, noise_std=0.003, seed=1))
+    lively = ControllerSettings(Fopid(11.115, 31.233), sample_time=H, control_min=-10.0, control_max=10.0,
                                 control_rate_max=0.58)  # fmt: skip
     controller = FopidController(lively)
-    simulate(controller, plant, 2500, lambda k: min(0.2, 1e-3 * k), lambda _: -0.3)
-    assert plant.measurement == pytest.approx(0.2, abs=0.01)
-    change(controller, Fopid(45.8, 395.0), on_trial=True)
+    simulate(controller, plant, 2500, lambda _: 0.2, lambda k: -0.3 if k > 100 else 0.0)
+    change(controller, Fopid(45.823, 394.79), on_trial=True)
     trial = simulate(controller, plant, 116, lambda _: 0.25, lambda _: -0.3)
     change(controller, lively.gains)
     after = simulate(controller, plant, 3000, lambda _: 0.25, lambda _: -0.3)
     assert abs(after.measurement - 0.25).max() < 2.0 * abs(trial.measurement - 0.25).max()
-    assert after.measurement[-500:] == pytest.approx(0.25, abs=0.01)
+    assert after.measurement[-500:] == pytest.approx(0.25, abs=0.02), "in noise of 0.003"
 
 
 def test_without_bumpless_changes_it_is_a_controller_that_never_knew_the_trial() -> None:
@@ -269,14 +269,15 @@ def test_an_actuators_rate_delays_the_return_and_does_not_end_it(
     assert seen[-1] == pytest.approx(level, abs=0.02)
 
 
-def test_limits_of_the_control_still_hold_and_do_not_wind_up() -> None:
-    controller = at_work(control_min=-1.0, control_max=1.0)
-    level = controller.state.integral
+def test_limits_of_the_control_hold_and_wind_it_up_no_more_than_one_that_never_knew_the_trial() -> None:
+    controller, other = (at_work(control_min=-1.0, control_max=1.0) for _ in range(2))
     change(controller, WILD, on_trial=True)
     push_away(controller)
     change(controller, WEAK)
-    assert all(-1.0 <= controller.step(1.0, -50.0) <= 1.0 for _ in range(50)), "its own gains saturate now"
-    assert controller.step(1.0, 1.0) == pytest.approx(level, abs=0.2)
+    for _ in range(50):
+        assert -1.0 <= controller.step(1.0, -50.0) <= 1.0, "its own gains saturate now"
+        other.step(1.0, -50.0)
+    assert controller.step(1.0, 1.0) == pytest.approx(other.step(1.0, 1.0), abs=1e-3)
 
 
 def test_a_bank_of_joints_does_the_same() -> None:

@@ -168,7 +168,7 @@ def simulate(
     if not 2 <= samples <= _MOST_SAMPLES:
         raise InputError(f"horizon = {horizon:g}, sample_time = {sample_time:g}; allowed: 2 to {_MOST_SAMPLES} samples")
     known: dict[type, tuple[str, ...]] = {
-        kind: tuple(field.name for field in fields(kind) if field.name not in ("gains", "process", "sample_time"))
+        kind: tuple(each.name for each in fields(kind) if each.name not in _GIVEN)
         for kind in (ControllerSettings, PlantSettings)
     }
     refuse_unknown(tuple(settings), (*known[ControllerSettings], *known[PlantSettings]))
@@ -187,4 +187,6 @@ def simulate(
     return run(running, plant, samples, lambda _: setpoint, lambda _: disturbance)
 
 
+_GIVEN = ("gains", "process", "sample_time", "on_trial")
+"""Fields that are no settings of a simulation."""
 _MOST_SAMPLES = 10_000_000

@@ -94,7 +94,7 @@ class ControllerSettings:
         Whether the controller is told before each step how long the last sample is ago (``set_interval``).
     on_trial : bool
         Whether the gains are not known to hold the loop. Where those from before come back, ``bumpless``, the integral
-        goes on from where they left it, and not from where the gains on trial drove the control.
+        goes on from where they left it, unless the loop has found rest elsewhere (see ``GainTrial``).
     """
 
     gains: Fopid

@@ -392,7 +392,8 @@ class Autotuner:
             except InputError as error:
                 update.roll_back()
                 return replace(failed, message=f"{failed.message}; others were not tried to the end: {error}")
-            not_borne += [outcome] * outcome.rolled_back
+            if outcome.rolled_back:
+                not_borne.append(outcome)
             if outcome.applied:
                 return replace(outcome, message=f"{outcome.message}; {said} that came first: {failed.message}")
         return replace(failed, message=f"{failed.message}; others did not do either: {outcome.message}")
