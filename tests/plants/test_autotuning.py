@@ -14,7 +14,8 @@ from fopid_core.design.improvement import UNSEEN_END
 from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.specification import TuningRequest
 from fopid_core.model.process import read_process
-from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
+from fopid_ros.tuner.learning.autotune import Autotuner
+from fopid_ros.tuner.learning.autotune_request import AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria
 

@@ -22,7 +22,8 @@ from fopid_core.design.tuner import tune
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process, read_process
 from fopid_ros.tuner.learning import autotune, closed_loop_experiment
-from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
+from fopid_ros.tuner.learning.autotune import Autotuner
+from fopid_ros.tuner.learning.autotune_request import AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
@@ -89,6 +90,30 @@ def test_the_second_round_learns_from_both_and_is_applied(designed: Callable[[De
     assert len(records) == 2
     assert records[0].time[0] == records[1].time[0]
     assert records[1].span > records[0].span
+
+
+@pytest.mark.parametrize(
+    ("doubted", "borne_out", "alone"), [(True, True, True), (True, False, False), (False, True, False)]
+)
+def test_a_second_round_is_learnt_from_alone_where_only_that_bears_its_process_out(
+    doubted: bool, borne_out: bool, alone: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Small moves of a motor had hidden its dry friction, and both rounds together forbade the gains it would bear."""
+    loop = VirtualLoop(GALLERY[NAME], SEED)
+    loop.run(300.0)
+    tuner = Autotuner(loop, loop, AutotuneRequest(ExperimentSettings(), "all", CRITERIA, False), loop)  # type: ignore[arg-type]
+    learnt = SimpleNamespace(success=True, best=SimpleNamespace(process=Process.parse("1/(20s+1)")))
+    learnt.behind_actuator = lambda record: record
+    designed: list[Record] = []
+    monkeypatch.setattr(tuner, "_identified", lambda since: (learnt, loop.history.record(since)))
+    monkeypatch.setattr(tuner, "_designed", lambda _, __, record: designed.append(record) or Outcome())
+    monkeypatch.setattr(autotune, "contradicts_rest", lambda *_: "")
+    monkeypatch.setattr(autotune, "doubt_of", lambda *_: "another" if doubted else "")
+    monkeypatch.setattr(autotune, "bears_out", lambda *_: borne_out)
+    tuner._second_began = 200.0
+    tuner._learn(100.0)
+    tuner._learn(250.0)
+    assert [record.span for record in designed] == pytest.approx([100.0 if alone else 200.0, 50.0], abs=2.0)
 
 
 def test_it_is_one_round_where_the_slow_end_was_seen(designed: Callable[[Design], list[Any]]) -> None:

@@ -18,12 +18,14 @@ from virtual_loop import VirtualLoop
 from fopid_core.design.identification.identify import behind_slow_actuator, identify
 from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.specification import TuningRequest
+from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.errors import InputError
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
 from fopid_core.runtime.settings import Pace
 from fopid_ros.tuner.controller_client import RunningDesign
-from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
+from fopid_ros.tuner.learning.autotune import Autotuner
+from fopid_ros.tuner.learning.autotune_request import AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
@@ -63,6 +65,8 @@ class NoPocket(SlowValve):
     pocket = 0.3
 
 
+NOISE = 0.0627
+"""Of drawn plant 33, with the steps of its sensor."""
 VALVE = Exhibit(SlowValve, 0.1, (4.0, 0.6, 0.0), 10.0, 10.0, 120.0, (0.0, 100.0))
 
 
@@ -104,6 +108,41 @@ def test_a_loop_that_swings_since_its_actuator_is_slow_is_learnt_behind_it() -> 
     assert found.seen.safe
     assert found.seen.mean("setpoint") < 0.7 * start.mean("setpoint")
     assert not found.seen.load > 1.05 * start.load
+
+
+def experimented(times: int) -> tuple[VirtualLoop, Record]:
+    """A loop that swings by itself since its actuator is slow, after so many whole experiments, and their record."""
+    loop = VirtualLoop(GALLERY["drawn_33"], 1)
+    loop.run(0.5 * loop.exhibit.horizon)
+    made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())  # type: ignore[arg-type]
+    made.measure()
+    began = loop.history.newest_time("control")
+    for _ in range(times):
+        assert not made.excite()
+    return loop, loop.history.record(began)
+
+
+@pytest.mark.slow
+def test_what_a_slow_actuator_does_to_an_experiment_passes_for_no_wandering_load() -> None:
+    """It did, and no gains were found: loads that wander explain any record, and are looked for before a limit."""
+    loop, record = experimented(2)
+    learnt = identify(record, noise=NOISE)
+    assert learnt.best is not None
+    assert learnt.best.wanders, learnt.message
+    slow = behind_slow_actuator(record, learnt, noise=NOISE)
+    assert slow is not None
+    assert slow.success, slow.message
+    assert slow.best is not None
+    assert not slow.best.wanders
+    assert slow.flaws.rate == pytest.approx(loop.plant.traits.rate, rel=0.1)  # type: ignore[attr-defined]
+
+
+@pytest.mark.slow
+def test_an_experiment_goes_on_where_the_only_process_it_shows_lacks_the_actuator() -> None:
+    loop, record = experimented(1)
+    sufficiency = Sufficiency("all", NOISE, loop.sample_time)
+    assert not sufficiency.look(record.part(record.time[0], record.time[0] + 7.7), math.inf)
+    assert "what it leaves is no noise" in sufficiency.missing
 
 
 @pytest.mark.parametrize(("allowed", "furthest"), [(0.8, 0.3), (0.3, 0.1)])

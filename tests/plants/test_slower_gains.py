@@ -18,7 +18,8 @@ from fopid_core.design.tuner import verify
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process, read_process
 from fopid_core.model.two_degrees import MeasurementFilter
-from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
+from fopid_ros.tuner.learning.autotune import Autotuner
+from fopid_ros.tuner.learning.autotune_request import AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome
 

@@ -16,7 +16,8 @@ from fopid_core.design.specification import TuningRequest
 from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.model.process import Process
 from fopid_ros.tuner.learning.announcement import WORKED_OUT
-from fopid_ros.tuner.learning.autotune import Autotuner, AutotuneRequest
+from fopid_ros.tuner.learning.autotune import Autotuner
+from fopid_ros.tuner.learning.autotune_request import AutotuneRequest
 from fopid_ros.tuner.learning.closed_loop_experiment import (
     ClosedLoopExperiment,
     ExperimentSettings,

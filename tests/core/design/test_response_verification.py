@@ -12,6 +12,7 @@ from fopid_core.design.identification.frequency_response import FrequencyRespons
 from fopid_core.design.identification.record import Record
 from fopid_core.design.recorded_tuning import tune_recorded
 from fopid_core.design.response_verification import (
+    bears_out,
     held_to_record,
     held_without_a_model,
     surely_without_a_model,
@@ -52,6 +53,14 @@ def test_a_model_of_the_right_structure_is_not_contradicted_and_another_is(recor
     seen = frequency_response(record)
     assert contradicts(seen, TRUE) == ""
     assert "at 1" in contradicts(seen, Process.parse("1/(2.2s+1)*exp(-0.9s)"))  # of more than nine frequencies
+
+
+def test_a_record_bears_out_a_model_that_it_shows_and_none_where_it_shows_little(record: Record) -> None:
+    right, wrong = (SimpleNamespace(process=process, loads=()) for process in (TRUE, Process.parse("2/(s+1)")))
+    little = record.part(0.0, 10.0)
+    assert [bears_out(record, right), bears_out(record, wrong)] == [True, False]  # type: ignore[arg-type]
+    assert contradicts(frequency_response(little), TRUE) == ""
+    assert not bears_out(little, right)  # type: ignore[arg-type]
 
 
 def test_gains_for_a_wrong_structure_hold_the_process(record: Record) -> None:

@@ -35,6 +35,8 @@ _SURE = 1.5
 """So many times the radius of 95 of 100, where one of many frequencies may speak against gains."""
 _HIGHER = 40
 """So many frequencies beyond the last that is known are looked at, up to the Nyquist frequency."""
+MANY = 1.0 / 3.0
+"""A response that is known at such a share of its frequencies may bear a model out."""
 THROUGHOUT = 0.9
 """A model that leaves such a share is wrong throughout: of another kind."""
 MOSTLY = 0.7
@@ -44,6 +46,12 @@ MOSTLY = 0.7
 def doubt_of(record: Record, learnt: IdentifiedModel) -> str:
     """How a process that was learnt from a record contradicts it; empty where it does not."""
     return contradicts(_seen(record, learnt), learnt.process)
+
+
+def bears_out(record: Record, learnt: IdentifiedModel) -> bool:
+    """Whether a record shows the process without a model at many frequencies, and as it was learnt."""
+    seen = _seen(record, learnt)
+    return bool(seen.known.mean() >= MANY) and not contradicts(seen, learnt.process)
 
 
 def wrong_throughout(record: Record, learnt: IdentifiedModel) -> str:

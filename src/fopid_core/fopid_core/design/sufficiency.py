@@ -15,8 +15,10 @@ import math
 
 import numpy as np
 
+from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.identify import behind_slow_actuator, identify
 from fopid_core.design.identification.record import Record
+from fopid_core.design.identification.refusal import NOISES
 from fopid_core.design.robust_verification import RobustLimits, plausible_processes
 from fopid_core.model.arrays import Floats
 from fopid_core.model.process import Process
@@ -26,6 +28,9 @@ SPREAD, DISPUTED, CHANGE = 0.15, 0.2, 0.1
 structure that explains as much, and from what it was taken for at the look before."""
 LOWEST, PLACES = 0.1, 11
 """Frequencies at which processes are compared: from so many crossovers to one, and how many."""
+EXPLAINS = 90.0
+"""Where any process is enough, one that explains less [%] and leaves what is no noise is not: it lacks something that a
+longer record may show, friction or an actuator that is slow."""
 RESIDENCES = 3.0
 """Length of the record in average residence times of the process: 95 % of a lag's answer."""
 CLOSER, IN_VAIN = 2, 5
@@ -87,7 +92,7 @@ class Sufficiency:
         record : Record
         content : float
             Processes may differ by so many times what is wanted, and the record be so many times shorter; infinite
-            where any process is enough, however uncertain.
+            where any process is enough, however uncertain, but for one that lacks something.
         """
         self._closely = self._closely or self._failed >= CLOSER
         found = identify(record, self._template, noise=self._noise, unstable=self._closely)
@@ -116,9 +121,16 @@ class Sufficiency:
             self.missing = f"a process that differs by {100 * dispute:.0f} % explains the record as well"
         elif change > content * CHANGE:
             self.missing = f"the process differs by {100 * change:.0f} % from what a shorter record showed"
+        elif content == math.inf and _lacks_something(found.best, self._noise):
+            fit = f"{found.best.fit_pct:.0f} %"
+            self.missing = f"the model explains {fit} of the measurement, and what it leaves is no noise"
         elif needed > record.span:
             self.missing = f"the process needs {needed:.3g} s to come to rest, and the record has {record.span:.3g} s"
         return not self.missing
+
+
+def _lacks_something(model: IdentifiedModel, noise: float) -> bool:
+    return model.fit_pct < EXPLAINS and not model.whiteness.white and model.noise > NOISES * noise
 
 
 def differences(one: Process, other: Process, frequencies: Floats) -> Floats:

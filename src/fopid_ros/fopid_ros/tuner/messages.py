@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # loaded by the first request that learns, since they need sc
     from fopid_core.design.identification.identified_model import IdentifiedModel
     from fopid_core.design.improvement import Candidate
     from fopid_core.design.tuner import TuningResult
-    from fopid_ros.tuner.learning.autotune import AutotuneRequest
+    from fopid_ros.tuner.learning.autotune_request import AutotuneRequest
     from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, Outcome, Trial
 
 WEIGHTING = ("chosen", "one")
@@ -75,7 +75,7 @@ def autotune_request(goal: Autotune.Goal, defaults: dict[str, Any]) -> AutotuneR
         Naming the field that cannot be used.
     """
     from fopid_core.design.identification.structure import structure_of
-    from fopid_ros.tuner.learning.autotune import AutotuneRequest
+    from fopid_ros.tuner.learning.autotune_request import AutotuneRequest
     from fopid_ros.tuner.learning.closed_loop_experiment import EXCITATIONS, ExperimentSettings
 
     for name in ("amplitude", "deviation_max", "duration"):

@@ -183,12 +183,14 @@ def behind_slow_actuator(
     begun, best, stretch = time.perf_counter(), learnt.best, sound(record)[0].stretches[0]
     record, offset = stretch, float(stretch.time[0] - record.time[0])
     if best is not None and best.wanders:
-        return _slow_beside_wandering_loads(record, learnt, best, offset)
+        without = _without_wandering_loads(record, learnt)
+        alone = without and behind_slow_actuator(record, without, template, noise, possible=possible)
+        return alone or _slow_beside_wandering_loads(record, learnt, best, offset)
     flaws = rate_limit_of(record, best, 0.0 if possible else SPEAKS) if best is not None else None
     if best is None or flaws is None:
         return None
     seen = Flaws(rate=flaws.rate).of_record(record)
-    search = search_for(template, noise)
+    search = search_for(template, noise, unstable=not any(model.wanders for model in learnt.models))
     found = search.of(seen, search.rough(seen)).began(offset)
     is_new = math.isinf(learnt.flaws.rate)
     if not possible and (found.refusal or (is_new and gained(best.fitted, found.best.fitted) < PROOF)):
@@ -199,6 +201,14 @@ def behind_slow_actuator(
     found = found.behind(replace(found.best.flaws, rate=flaws.rate))
     told = _told(found.best) + _late(record)
     return IdentificationResult(True, told, found.models, found.best, time.perf_counter() - begun)
+
+
+def _without_wandering_loads(record: Record, learnt: IdentificationResult) -> IdentificationResult | None:
+    """What else explains an experiment, and best: what an actuator does to its moves may pass for loads that wander."""
+    if record.excitation is None or not record.excitation.any():
+        return None
+    others = [model for model in learnt.models if not (model.wanders or model.structure.runs_away)]
+    return replace(learnt, best=max(others, key=lambda model: model.fit_pct)) if others else None
 
 
 def _slow_beside_wandering_loads(

@@ -40,6 +40,8 @@ from fopid_core.model.stability import process_stability
 
 SIMPLER = 1.01
 """A model with fewer numbers is preferred while its held-back error is at most so many times the smallest."""
+NEARLY = 1.05
+"""One that may be used is preferred to others that may not while its error is at most so many times the smallest."""
 RICHER = ("rational:4", "rational:3/1")
 GOOD_FIT, BEST_FIT = 98.0, 99.9
 """Where the templates fit worse than this [%] and leave a residual whose correlation matters, these are tried too; up
@@ -108,6 +110,9 @@ class Search:
         if self.everything and _miss_something(record, models, noise):
             models += _models(record, rough, [structure_of(name) for name in RICHER])
         best = _preferred(models)
+        if refusal_of(record, best, noise):
+            usable = [model for model in _about_best(models, NEARLY) if not refusal_of(record, model, noise)]
+            best = _preferred(tuple(usable) or models)
         if self.dead_band and (behind := self._behind_dead_band(record, best)):
             return self._held_instead(record, rough, behind) or behind
         runaways: tuple[IdentifiedModel, ...] = ()
@@ -310,10 +315,10 @@ def _preferred(models: tuple[IdentifiedModel, ...]) -> IdentifiedModel:
     return min(_about_best(models), key=lambda model: len(model.parameters))
 
 
-def _about_best(models: tuple[IdentifiedModel, ...]) -> list[IdentifiedModel]:
+def _about_best(models: tuple[IdentifiedModel, ...], simpler: float = SIMPLER) -> list[IdentifiedModel]:
     shown = [model for model in models if _tells_its_powers_apart(model)] or models
     least = min(100.0 - model.fit_pct for model in shown)
-    return [model for model in shown if 100.0 - model.fit_pct <= SIMPLER * least]
+    return [model for model in shown if 100.0 - model.fit_pct <= simpler * least]
 
 
 def _tells_its_powers_apart(model: IdentifiedModel) -> bool:

@@ -17,7 +17,7 @@ from fopid_core.design.identification.coloured_noise import LONG_ORDER, Whitened
 from fopid_core.design.identification.dead_band import HAS_PLAY, STICKS
 from fopid_core.design.identification.excitation import ANSWERS, missed_in_surprises
 from fopid_core.design.identification.fit import Fit, fit
-from fopid_core.design.identification.flaws import Flaws
+from fopid_core.design.identification.flaws import Flaws, slewed
 from fopid_core.design.identification.identified_model import IdentifiedModel, judged
 from fopid_core.design.identification.initial_estimates import scan
 from fopid_core.design.identification.rate_limit import NEARER, POSSIBLE, PROOF, RATES, SHORTER, SPEAKS
@@ -116,22 +116,20 @@ def slow_beside_wandering_loads(record: Record, learnt: IdentifiedModel) -> Iden
     fastest = float(np.abs(np.diff(even.control)).max()) / even.sample_time
     begins = [np.append(plain.x[:-1], share * plain.x[-1]) for share in SHORTER]
 
-    def seen(rate: float) -> Record:
-        return Flaws(rate=rate).of_record(even)
-
     def tried(rates: Floats) -> dict[float, Fit]:
+        rates = rates[rates < fastest]
         return {
-            rate: min((_behind_filter(white, seen(rate), x, _LOOKS) for x in begins), key=lambda one: one.error)
-            for rate in rates[rates < fastest].tolist()
+            rate: min((_behind_filter(white, replace(even, control=felt), x, _LOOKS) for x in begins), key=_by_error)
+            for rate, felt in zip(rates.tolist(), slewed(even.time, even.control, rates), strict=True)
         }
 
     looks = tried(moved / np.geomspace(even.sample_time, 0.25 * even.span, RATES))
     if not looks or max(_likelier(white, one) for one in looks.values()) < SPEAKS:
         return None
     looks |= tried(min(looks, key=lambda rate: looks[rate].error) * NEARER)
-    best = min(looks.values(), key=lambda one: one.error)
+    best = min(looks.values(), key=_by_error)
     slowest = min(rate for rate, one in looks.items() if _likelier(one, best) <= POSSIBLE)
-    found = _turns(seen(slowest), looks[slowest].x, _whitening(white))
+    found = _turns(Flaws(rate=slowest).of_record(even), looks[slowest].x, _whitening(white))
     if _likelier(white, found[1]) < PROOF:
         return None
     return _model(even, *found, Flaws(rate=slowest), learnt.offset)
@@ -143,6 +141,10 @@ def _model(even: Record, plain: Fit, white: Fit, flaws: Flaws, offset: float) ->
     missed = missed_in_surprises(even, white.residual, _whitening(white), even.instrument, ANSWERS / model.crossover)
     explained = 100.0 * (1.0 - missed)
     return replace(model, fit_pct=explained, noise=white.error, flaws=flaws, wanders=True, offset=offset)
+
+
+def _by_error(found: Fit) -> float:
+    return found.error
 
 
 def _behind_filter(white: Fit, seen: Record, x: Floats, evaluations: int) -> Fit:

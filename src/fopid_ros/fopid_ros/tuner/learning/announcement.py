@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from fopid_ros.tuner.learning.autotune import AutotuneRequest
+    from fopid_ros.tuner.learning.autotune_request import AutotuneRequest
     from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment
 
 UNTIL_KNOWN, WHOLE, AFTERWARDS = 0.38, 1.45, 1.35

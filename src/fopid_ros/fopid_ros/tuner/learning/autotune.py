@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 from fopid_core.design.flaw_trial import FlawTrial
@@ -13,7 +13,7 @@ from fopid_core.design.identification.identify import IdentificationResult, behi
 from fopid_core.design.identification.noise import hidden_by_steps
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
 from fopid_core.design.identification.sensor_faults import as_told, without_dropouts
-from fopid_core.design.response_verification import contradicts_rest
+from fopid_core.design.response_verification import bears_out, contradicts_rest, doubt_of
 from fopid_core.design.slower import act_alike
 from fopid_core.design.specification import TuningResult
 from fopid_core.design.sufficiency import Sufficiency
@@ -23,9 +23,9 @@ from fopid_core.runtime.performance_monitor import LoopPerformance
 from fopid_core.runtime.settings import Pace
 from fopid_ros.tuner.controller_client import ControllerClient
 from fopid_ros.tuner.learning.announcement import planned
-from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
+from fopid_ros.tuner.learning.autotune_request import AutotuneRequest
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment
 from fopid_ros.tuner.learning.gain_update import (
-    AcceptanceCriteria,
     GainUpdate,
     Outcome,
     Trial,
@@ -58,33 +58,6 @@ RESTS = 4
 """How often rest is waited for after gains that the loop did not bear, each time for a length of the experiment."""
 SLOWER = (0.7, 0.5, 0.35)
 """How much slower the last gains of another kind that the loop did not bear are tried again, in turn."""
-
-
-@dataclass(frozen=True)
-class AutotuneRequest:
-    """What is asked.
-
-    Attributes
-    ----------
-    experiment : ExperimentSettings
-    template : str
-        Of the model.
-    criteria : AcceptanceCriteria
-        What the new gains must fulfil.
-    propose_only : bool
-    trial : Trial or None
-        Gains to try instead of learning; they have been judged.
-    second_round : bool
-        Whether all is done once more with the new gains, where the record did not show the process's slow end, or these
-        are much livelier.
-    """
-
-    experiment: ExperimentSettings
-    template: str
-    criteria: AcceptanceCriteria
-    propose_only: bool
-    trial: Trial | None = None
-    second_round: bool = True
 
 
 class Autotuner:
@@ -123,6 +96,7 @@ class Autotuner:
         self._updates: list[GainUpdate] = []
         self._learnt: tuple[IdentificationResult, Record] | None = None
         self._smaller: list[Record] = []
+        self._second_began = math.nan
         self._take_for(read_running_controller(client), before)
         self._rest = self._experiment.loop
 
@@ -258,7 +232,8 @@ class Autotuner:
         self._wait.begin_round("second round", (0.5, 1.0))
         try:
             self._experiment.measure(made.furthest, announced=False)
-            second = self._make_round(began if first.held_back else self._tap.history.newest_time("control"))
+            self._second_began = self._tap.history.newest_time("control")
+            second = self._make_round(began if first.held_back else self._second_began)
         except RestlessError as error:
             return self._taken_back(first, update, str(error))
         except InputError as error:
@@ -440,12 +415,23 @@ class Autotuner:
     def _heard(self, since: float) -> Record:
         return without_dropouts(self._tap.history.record(since))[0]
 
-    def _learn(self, began: float) -> Outcome:
-        """A model of all that was heard since ``began``, and gains for it."""
-        self._wait.report(Stage("identifying", 0.6))
-        record, known, unrest = self._heard(began), self._rate, self._experiment.loop.unrest
+    def _identified(self, since: float) -> tuple[IdentificationResult, Record]:
+        """A model of all that was heard since then, and that."""
+        record, known, unrest = self._heard(since), self._rate, self._experiment.loop.unrest
         found = identify(self._behind_actuator(record), self._request.template, noise=unrest).with_limit(known)
-        found = behind_slow_actuator(record, found, self._request.template, unrest) or found
+        return behind_slow_actuator(record, found, self._request.template, unrest) or found, record
+
+    def _learn(self, began: float) -> Outcome:
+        """A model of all that was heard since ``began``, and gains for it.
+
+        Where that contradicts the model, and a second round's signals alone bear out their own, it is of these.
+        """
+        self._wait.report(Stage("identifying", 0.6))
+        found, record = self._identified(began)
+        if self._second_began > began and found.best and doubt_of(found.behind_actuator(record), found.best):
+            alone, later = self._identified(self._second_began)
+            if alone.success and alone.best and bears_out(alone.behind_actuator(later), alone.best):
+                found, record = alone, later
         if not found.success or found.best is None:
             told = f"nothing was changed: {found.message} ({self._experiment.made})"
             return Outcome(message=told, model=found.best, models=found.models)
