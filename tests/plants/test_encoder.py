@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import random
 from dataclasses import replace
 
 import numpy as np
@@ -23,8 +22,10 @@ from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
 from fopid_ros.tuner.learning.autotune import Autotuner
 from fopid_ros.tuner.learning.autotune_request import AutotuneRequest
-from fopid_ros.tuner.learning.closed_loop_experiment import ExperimentSettings
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria, GainUpdate, Outcome
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 MOTOR, STEP = GALLERY["motor_position"], 2.0 * math.pi / 4096.0
 
@@ -89,13 +90,13 @@ def test_a_proposal_tells_of_it_and_sets_nothing(monkeypatch: pytest.MonkeyPatch
 def test_moves_of_a_few_lines_show_an_integrator_and_nothing_that_runs_away() -> None:
     """The best of all models needs a longer record; one with fewer numbers does not, and explains hardly less."""
     loop = VirtualLoop(MOTOR, 1)
-    loop.run(1.0)
-    loop.inject(0.0)
-    draw = random.Random(1)
-    for _ in range(28):
-        loop.inject(0.0121 * draw.choice((-1.0, 1.0)))
-        loop.run(0.72)
-    found = identify(loop.history.record(1.0), noise=STEP / math.sqrt(12.0))
+    loop.run(0.5 * MOTOR.horizon)
+    made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), ExperimentSettings())  # type: ignore[arg-type]
+    made.measure()
+    began = loop.history.newest_time("control")
+    assert not made.excite()
+    record = loop.history.record(began)
+    found = identify(record.part(record.time[0], record.time[0] + 20.7), noise=STEP / math.sqrt(12.0))
     assert found.success, found.message
     assert found.best is not None
     assert not found.best.structure.runs_away, found.message
