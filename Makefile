@@ -32,6 +32,8 @@ PYTEST = "$(BIN)/python" -m pytest -p tests.patience --numprocesses $(WORKERS) -
 
 # The share of the work that is done: of each test's cases, of the tests that take long, and of campaigns.
 SHARE := 1
+# Which part of the long tests that is: each commit has the next.
+export TURN ?= $(shell git rev-list --count HEAD 2>/dev/null || echo 0)
 # `make reliability`: where its figures go, and how many loops run side by side.
 PAGE := docs/reliability.md
 LOOPS_AT_ONCE := 4

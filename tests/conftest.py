@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from .share import some_of
+from .share import TURN, some_of
 
 if TYPE_CHECKING:
     from .chromium import Browser
@@ -23,7 +23,10 @@ OVER_ROS = {CAMPAIGNS, *(Path(__file__).parent / folder for folder in ("ros", "d
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark what starts ROS nodes; of each test's cases, and of the long tests, keep as many as the share asks for."""
+    """Mark what starts ROS nodes; of each test's cases, and of the long tests, keep as many as the share asks for.
+
+    The long tests take turns: who runs a share of them again and again has run all some day.
+    """
     groups: dict[str, list[pytest.Item]] = defaultdict(list)
     for item in items:
         if OVER_ROS.intersection(item.path.parents):
@@ -35,7 +38,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             groups[item.nodeid.partition("[")[0]].append(item)
     if config.getoption("lf", default=False):  # what has failed was among those
         return
-    left_out = {item for group in groups.values() for item in set(group) - set(some_of(group))}
+    turns = {"long": TURN}
+    left_out = {item for name, group in groups.items() for item in set(group) - set(some_of(group, turns.get(name, 0)))}
     if left_out:
         config.hook.pytest_deselected(items=[item for item in items if item in left_out])
         items[:] = [item for item in items if item not in left_out]

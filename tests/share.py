@@ -1,4 +1,4 @@
-"""How much of the work is done: SHARE in the environment, 1 unless said."""
+"""How much of the work is done, and which part of it: SHARE and TURN in the environment, 1 and 0 unless said."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 SHARE = float(os.environ.get("SHARE") or 1.0)
+TURN = int(os.environ.get("TURN") or 0)
 
 
 def share_of(count: int) -> int:
@@ -14,6 +15,13 @@ def share_of(count: int) -> int:
     return max(1, round(SHARE * count))
 
 
-def some_of(cases: Iterable[Any]) -> list[Any]:
-    """Of cases as many as this run's share asks for, evenly spread, the first among them."""
-    return list(cases)[:: max(1, round(1.0 / SHARE))]
+def some_of(cases: Iterable[Any], turn: int = 0) -> list[Any]:
+    """Of cases as many as this run's share asks for, 1 at least, evenly spread; each turn takes others, 0 the first.
+
+    Examples
+    --------
+    >>> some_of([], turn=3)
+    []
+    """
+    each, every = list(cases), max(1, round(1.0 / SHARE))
+    return each[turn % min(every, len(each)) :: every] if each else []

@@ -103,7 +103,7 @@ def test_moves_of_a_few_lines_show_an_integrator_and_nothing_that_runs_away() ->
 
 
 @pytest.mark.long
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(900)
 def test_autotuning_a_motor_behind_an_encoder_sets_it() -> None:
     """21 of the control's movement without; less than half the load's error of SIMC's PID, which moves it by 17."""
     found = autotuned("motor_position")

@@ -16,6 +16,7 @@ from judging import SEEDS, judge
 from virtual_loop import VirtualLoop
 
 from fopid_core.design.identification.identify import behind_slow_actuator, identify
+from fopid_core.design.identification.record import Record
 from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.specification import TuningRequest
 from fopid_core.design.sufficiency import Sufficiency

@@ -64,6 +64,14 @@ def test_a_small_derivative_does_not_pay_and_a_large_one_does() -> None:
     assert (small.derivative, large.derivative) == (0.0, 1.0)
 
 
+@pytest.mark.parametrize(("sample_time", "weight"), [(0.0, 1.0), (0.5, 1.0), (0.05, 0.0)])
+def test_a_kick_far_beyond_the_rest_of_the_move_does_not_pay_whatever_it_promises(
+    sample_time: float, weight: float
+) -> None:
+    """kd over the sample time, some 26 and 260, beside the 14 by which a step moves the control without it."""
+    assert calmest_weights(LOOP, HORIZON, sample_time).derivative == weight
+
+
 def test_without_a_derivative_there_is_no_weight_of_it() -> None:
     assert calmest_weights(replace(LOOP, controller=Fopid(KP, KI)), HORIZON).derivative == 0.0
 

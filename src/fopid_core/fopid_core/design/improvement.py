@@ -273,7 +273,7 @@ class _Trial:
             return chosen
         loop = loop_of(self.judge.process, tuning)
         held = replace(loop, process=as_held(loop.process, self.judge.sample_time))
-        calm = replace(loop, weights=calmest_weights(held, self.judge.horizon(loop)))
+        calm = replace(loop, weights=calmest_weights(held, self.judge.horizon(loop), self.judge.sample_time))
         worth = self.judge.worth(calm)
         if worth.setpoint > self.judge.worth(self.judge.runs).setpoint or self.judge.too_fast(calm):
             return chosen

@@ -362,7 +362,7 @@ def _calmed(request: TuningRequest, tuned: RobustTuning) -> tuple[RobustTuning, 
         before = overshoot_pct(step_response(loop, horizon).output)
         if before <= FAR_OVER:
             return tuned, ""
-        calm = tuning.weights if are_given else calmest_weights(loop, horizon)
+        calm = tuning.weights if are_given else calmest_weights(loop, horizon, request.sample_time)
         after = overshoot_pct(step_response(replace(loop, weights=calm), horizon).output)
     except InputError:  # near the border of stability it is not known
         return tuned, ""

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fopid_core.design.control_peak import first_control
 from fopid_core.errors import InputError
 from fopid_core.model.arrays import Floats
 from fopid_core.model.indices import indices, overshoot_pct
@@ -16,6 +17,9 @@ from fopid_core.model.two_degrees import SetpointWeights
 DERIVATIVE_PAYS = 1.5
 """How many times the error a step of the setpoint must leave without its derivative, for that to be worth its kick:
 what less was promised, limits took on the plants, and the control moved half as much again."""
+KICK = 3.0
+"""And how many times what a step moves the control by without it that kick may be: a motor's promised half the error
+for four times that, left three quarters, and moved the control three times as much in all."""
 LITTLE_MORE = 1.1
 """How many times the least error is given for less overshoot: the plant overshoots by more than what is known of it,
 since it has limits."""
@@ -27,12 +31,12 @@ CALM = 2.0
 """An overshoot [%] of which nobody complains."""
 
 
-def calmest_weights(loop: Loop, horizon: float) -> SetpointWeights:
+def calmest_weights(loop: Loop, horizon: float, sample_time: float = 0.0) -> SetpointWeights:
     """Weights no larger than those of a loop, and as small as little more error allows.
 
     That of the derivative is 0 where it does not pay, and the proportional one is made less where the loop would
     overshoot with the whole setpoint. Error is the integral of its absolute value over a horizon [s]. Load and
-    stability do not know of the weights.
+    stability do not know of the weights. With the sample time of the controller [s] its kick is looked at as well.
 
     Examples
     --------
@@ -46,13 +50,21 @@ def calmest_weights(loop: Loop, horizon: float) -> SetpointWeights:
         steps = _Steps(loop, horizon)
         if loop.weights.derivative:
             without = _Steps(replace(loop, weights=replace(loop.weights, derivative=0.0)), horizon)
-            if not loop.controller.kd or without.errors.min() <= DERIVATIVE_PAYS * steps.errors.min():
+            pays = loop.controller.kd and without.errors.min() > DERIVATIVE_PAYS * steps.errors.min()
+            if not pays or _kick(loop, sample_time) > KICK * without.control_peak:
                 steps = without
     except InputError:  # near the border of stability it is not known
         return loop.weights
     if steps.overshoot <= CALM:
         return steps.weights(int(np.argmin(steps.errors)))
     return steps.weights(int(np.flatnonzero(steps.errors <= LITTLE_MORE * steps.errors.min())[-1]))
+
+
+def _kick(loop: Loop, sample_time: float) -> float:
+    """How far the setpoint's derivative moves the control in the first tick after a unit step; 0 where not known."""
+    derivative = replace(loop.controller, kp=0.0, ki=0.0)
+    first = float(first_control(np.array([derivative.gains]), sample_time)[0]) if sample_time else 0.0
+    return abs(loop.weights.derivative * first)
 
 
 class _Steps:
@@ -66,6 +78,8 @@ class _Steps:
         One for each of the shares.
     overshoot : float
         With the whole setpoint [%].
+    control_peak : float
+        With the share that leaves least error.
     """
 
     def __init__(self, loop: Loop, horizon: float) -> None:
@@ -82,6 +96,9 @@ class _Steps:
 
         self.errors = np.array([error(share) for share in SHARES.tolist()])
         self.overshoot = overshoot_pct(fastest)
+        least = SHARES[int(np.argmin(self.errors))]
+        at, late = (np.interp(time, one.time, one.control) for one in (whole, none))
+        self.control_peak = float(np.abs(late + least * (at - late)).max())
 
     def weights(self, i: int) -> SetpointWeights:
         """Those of a share, in as many digits as anybody reads."""

@@ -183,8 +183,8 @@ def behind_slow_actuator(
     begun, best, stretch = time.perf_counter(), learnt.best, sound(record)[0].stretches[0]
     record, offset = stretch, float(stretch.time[0] - record.time[0])
     if best is not None and best.wanders:
-        without = _without_wandering_loads(record, learnt)
-        alone = without and behind_slow_actuator(record, without, template, noise, possible=possible)
+        without = None if possible else _without_wandering_loads(record, learnt)
+        alone = without and behind_slow_actuator(record, without, template, noise)
         return alone or _slow_beside_wandering_loads(record, learnt, best, offset)
     flaws = rate_limit_of(record, best, 0.0 if possible else SPEAKS) if best is not None else None
     if best is None or flaws is None:
@@ -192,6 +192,10 @@ def behind_slow_actuator(
     seen = Flaws(rate=flaws.rate).of_record(record)
     search = search_for(template, noise, unstable=not any(model.wanders for model in learnt.models))
     found = search.of(seen, search.rough(seen)).began(offset)
+    if possible and found.best.flaws.friction and not best.flaws.friction:
+        rubs = identify(record, template, noise=noise)  # friction that was not known may have passed for a limit
+        if rubs.success and rubs.flaws.friction:
+            return behind_slow_actuator(record, rubs, template, noise, possible=True)
     is_new = math.isinf(learnt.flaws.rate)
     if not possible and (found.refusal or (is_new and gained(best.fitted, found.best.fitted) < PROOF)):
         return None
