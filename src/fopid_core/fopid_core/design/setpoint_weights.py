@@ -78,8 +78,6 @@ class _Steps:
         One for each of the shares.
     overshoot : float
         With the whole setpoint [%].
-    control_peak : float
-        With the share that leaves least error.
     """
 
     def __init__(self, loop: Loop, horizon: float) -> None:
@@ -96,9 +94,13 @@ class _Steps:
 
         self.errors = np.array([error(share) for share in SHARES.tolist()])
         self.overshoot = overshoot_pct(fastest)
-        least = SHARES[int(np.argmin(self.errors))]
-        at, late = (np.interp(time, one.time, one.control) for one in (whole, none))
-        self.control_peak = float(np.abs(late + least * (at - late)).max())
+        self._controls: list[Floats] = [np.interp(time, one.time, one.control) for one in (none, whole)]
+
+    @property
+    def control_peak(self) -> float:
+        """How far the control goes with the share that leaves least error, where the setpoint is not differentiated."""
+        none, whole = self._controls
+        return float(np.abs(none + SHARES[int(np.argmin(self.errors))] * (whole - none)).max())
 
     def weights(self, i: int) -> SetpointWeights:
         """Those of a share, in as many digits as anybody reads."""
