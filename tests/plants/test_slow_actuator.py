@@ -139,6 +139,30 @@ def test_what_a_slow_actuator_does_to_an_experiment_passes_for_no_wandering_load
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["mujoco_arm"])
+def test_friction_that_was_not_known_passes_for_no_slow_actuator(name: str) -> None:
+    """The arm's actuator takes 400 a second; once its new gains were moved it was taken for one of 11."""
+    loop = VirtualLoop(GALLERY[name], 1)
+    loop.run(0.5 * loop.exhibit.horizon)
+    rest = LoopBaseline(read_running_controller(loop))  # type: ignore[arg-type]
+    made = ClosedLoopExperiment(loop, loop, rest, ExperimentSettings())  # type: ignore[arg-type]
+    made.measure()
+    began = loop.history.newest_time("control")
+    made.excite(lambda: loop.history.newest_time("control") - began > 3.6)
+    learnt = identify(loop.history.record(began), noise=made.loop.unrest)
+    assert learnt.success, learnt.message
+    assert not learnt.flaws.friction
+    loop.set(gains=Fopid(17.4, 93.9, 0.369, 1.0, 1.218), measurement_filter_order=2, measurement_filter_time=0.0161)
+    loop.run(3.0)
+    now = LoopBaseline(read_running_controller(loop))  # type: ignore[arg-type]
+    moved = Proof(loop, loop, now, ExperimentSettings(), made.reach, rest)  # type: ignore[arg-type]
+    moved.measure(announced=False)
+    assert moved.prove(0.1) == ""
+    slow = behind_slow_actuator(loop.history.record(began), learnt, noise=made.loop.unrest, possible=True)
+    assert slow is None or slow.flaws.rate > 100.0
+
+
+@pytest.mark.slow
 def test_an_experiment_goes_on_where_the_only_process_it_shows_lacks_the_actuator() -> None:
     loop, record = experimented(1)
     sufficiency = Sufficiency("all", NOISE, loop.sample_time)

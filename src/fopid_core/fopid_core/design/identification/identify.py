@@ -18,7 +18,7 @@ from fopid_core.design.identification.fit import fit
 from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.model_search import COARSE, Found, Search, model_of, search_for, unstable_last
-from fopid_core.design.identification.rate_limit import PROOF, SPEAKS, gained, rate_limit_of
+from fopid_core.design.identification.rate_limit import PROOF, SPEAKS, gained, left_behind, rate_limit_of
 from fopid_core.design.identification.record import Record, validation_samples
 from fopid_core.design.identification.refusal import (
     refusal_before,
@@ -190,11 +190,13 @@ def behind_slow_actuator(
     if best is None or flaws is None:
         return None
     seen = Flaws(rate=flaws.rate).of_record(record)
-    search = search_for(template, noise, unstable=not any(model.wanders for model in learnt.models))
+    is_settled = any(model.wanders for model in learnt.models)  # what runs away and what wanders were looked for
+    search = search_for(template, noise, unstable=not is_settled)
     found = search.of(seen, search.rough(seen)).began(offset)
-    if possible and found.best.flaws.friction and not best.flaws.friction:
+    if possible and not best.flaws.friction and (found.refusal or found.best.flaws.friction):
         rubs = identify(record, template, noise=noise)  # friction that was not known may have passed for a limit
-        if rubs.success and rubs.flaws.friction:
+        left = left_behind(record, best, flaws.rate)
+        if rubs.success and rubs.best is not None and rubs.flaws.friction and rubs.best.noise < left:
             return behind_slow_actuator(record, rubs, template, noise, possible=True)
     is_new = math.isinf(learnt.flaws.rate)
     if not possible and (found.refusal or (is_new and gained(best.fitted, found.best.fitted) < PROOF)):

@@ -77,6 +77,11 @@ def rate_limit_of(record: Record, learnt: IdentifiedModel, speaks: float = SPEAK
     return replace(learnt.flaws, rate=slowest) if math.isfinite(slowest) else None
 
 
+def left_behind(record: Record, learnt: IdentifiedModel, rate: float) -> float:
+    """What is left of a record, a standard deviation, where its structure stands behind an actuator with this limit."""
+    return _behind(record, learnt, np.array([rate]))[rate].error
+
+
 def gained(before: Fit, after: Fit) -> float:
     """By how much twice the logarithm of the likelihood has grown from one fit of a record to another."""
     independent = after.residual.size / correlation_time(after.residual)
