@@ -38,8 +38,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             groups[item.nodeid.partition("[")[0]].append(item)
     if config.getoption("lf", default=False):  # what has failed was among those
         return
-    turns = {"long": TURN}
-    left_out = {item for name, group in groups.items() for item in set(group) - set(some_of(group, turns.get(name, 0)))}
+    kept = {item for name, group in groups.items() for item in some_of(group, TURN if name == "long" else 0)}
+    left_out = {item for group in groups.values() for item in group} - kept
     if left_out:
         config.hook.pytest_deselected(items=[item for item in items if item in left_out])
         items[:] = [item for item in items if item not in left_out]

@@ -16,12 +16,6 @@ def share_of(count: int) -> int:
 
 
 def some_of(cases: Iterable[Any], turn: int = 0) -> list[Any]:
-    """Of cases as many as this run's share asks for, 1 at least, evenly spread; each turn takes others, 0 the first.
-
-    Examples
-    --------
-    >>> some_of([], turn=3)
-    []
-    """
+    """Of cases as many as this run's share asks for, 1 at least, evenly spread; each turn takes others, 0 the first."""
     each, every = list(cases), max(1, round(1.0 / SHARE))
     return each[turn % min(every, len(each)) :: every] if each else []

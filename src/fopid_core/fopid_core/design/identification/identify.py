@@ -194,10 +194,11 @@ def behind_slow_actuator(
     search = search_for(template, noise, unstable=not is_settled)
     found = search.of(seen, search.rough(seen)).began(offset)
     if possible and not best.flaws.friction and (found.refusal or found.best.flaws.friction):
-        rubs = identify(record, template, noise=noise)  # friction that was not known may have passed for a limit
+        # Friction that was not known may have passed for a limit.
+        anew = identify(record, template, noise=noise)
         left = left_behind(record, best, flaws.rate)
-        if rubs.success and rubs.best is not None and rubs.flaws.friction and rubs.best.noise < left:
-            return behind_slow_actuator(record, rubs, template, noise, possible=True)
+        if anew.success and anew.best is not None and anew.flaws.friction and anew.best.noise < left:
+            return behind_slow_actuator(record, anew, template, noise, possible=True)
     is_new = math.isinf(learnt.flaws.rate)
     if not possible and (found.refusal or (is_new and gained(best.fitted, found.best.fitted) < PROOF)):
         return None

@@ -64,8 +64,9 @@ class Autotuner:
     """Runs one autotuning in the calling thread, while others spin the node.
 
     Where the record does not show the process's slow end, gains are held back. A second round follows then with them,
-    and both rounds' signals are learnt from together. So it does where the gains are much livelier: such a loop shows
-    the process where it works, and is learnt from alone. Either aims at no more than ``MORE_MOVEMENT`` of the first.
+    and both rounds' signals are learnt from together, unless only the second's bear a process out. So it does where the
+    gains are much livelier: such a loop shows the process where it works, and is learnt from alone. Either aims at no
+    more than ``MORE_MOVEMENT`` of the first.
 
     References
     ----------
