@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.structure import Structure
@@ -22,6 +24,8 @@ _SUDDEN = 3.0
 """Step responses that start with a higher power of time than this are smooth enough as they are; those that start with
 a jump belong to the free response, whose shape is no more than a guess."""
 MOST_CELLS = 8192
+
+_Array = TypeVar("_Array", Floats, Complexes)
 
 
 @dataclass(frozen=True)
@@ -50,13 +54,14 @@ class InitialCondition:
 
 
 @dataclass(frozen=True)
-class _Kernel:
+class Kernel:
     """A structure at given numbers, on the grid of frequencies."""
 
     x: Floats
     step: Complexes  # transform of the unit step response without delay and gain
     slopes: list[Complexes]  # of log denominator
     lag: Complexes  # exp(-L s)
+    spectra: dict[tuple[int, bool], Complexes]  # that are known already
 
 
 class RecordResponse:
@@ -80,7 +85,7 @@ class RecordResponse:
         cells = time.size if self._aligned else min(max(2 * time.size, 512), 2 * most)
         self.sample_time = record.sample_time
         self._h = record.sample_time if self._aligned else record.span / cells
-        period = 2 * cells
+        period = 2 * next_fast_len(cells, real=True)
         line = _DAMPING / (period * self._h)
         self._grid: Floats = self._h * np.arange(period, dtype=np.float64)
         self._damp = np.exp(-line * self._grid)
@@ -93,7 +98,7 @@ class RecordResponse:
         self._control = np.fft.rfft(steps * self._damp[:cells], period)
         self._cells, self._period = cells, period
         self._loads = self._steps(np.array(start.loads))
-        self._kernel: _Kernel | None = None
+        self._kernel: Kernel | None = None
 
     def of(self, structure: Structure) -> RecordResponse:
         """The same for another structure."""
@@ -112,12 +117,13 @@ class RecordResponse:
 
     def columns(self, x: Floats) -> Floats:
         """Everything that enters linearly, shape (n, k): gains, what the beginning adds, loads, offset and ramp."""
-        delayed = [self._spectrum(x, j, delayed=True) for j in range(self.structure.zeros + 1)]
+        kernel = self._at(x)
+        delayed = [self._spectrum(kernel, j, delayed=True) for j in range(self.structure.zeros + 1)]
         spectra = [spectrum * self._control for spectrum in delayed]
         if self.start.step:
             spectra.append(delayed[0])
         if self.start.free:
-            spectra += [self._spectrum(x, j, delayed=False) for j in range(self._free_orders)]
+            spectra += [self._spectrum(kernel, j, delayed=False) for j in range(self._free_orders)]
         spectra += [spectrum * load for load in self._loads for spectrum in delayed]
         signals = self._signals(np.stack(spectra))
         ramp = [self.time / self.time[-1]] if self.start.ramp else []
@@ -135,24 +141,35 @@ class RecordResponse:
 
     def slopes(self, x: Floats, coefficients: Floats) -> Floats:
         """Derivatives of ``columns(x) @ coefficients`` with respect to x, shape (n, len(x))."""
-        kernel = self._at(x)
-        gains = coefficients[: self.structure.zeros + 1]
-        numerator = np.polyval(gains[::-1], self._s)
-        driven = -kernel.step * kernel.lag * numerator
-        rest = self._start_transform(kernel, coefficients[gains.size :])
-        spectra = []
-        for slope in kernel.slopes:
-            spectrum = self._fold(driven * slope) * self._control
-            spectra.append(spectrum if rest is None else spectrum + self._fold(rest * slope))
-        late = self._fold(driven * self._s) * self._control
-        for load, of_load in zip(self._loads, self._load_numerators(coefficients), strict=True):
-            moved = -kernel.step * kernel.lag * of_load
-            spectra = [spectrum + self._fold(moved * slope) * load for spectrum, slope in
-                       zip(spectra, kernel.slopes, strict=True)]  # fmt: skip
-            late = late + self._fold(moved * self._s) * load
+        return self._signals(self._slope_spectra(self._at(x), coefficients))
+
+    def _slope_spectra(self, kernel: Kernel, coefficients: Floats) -> Complexes:
+        """Of the slopes, shape (len(x), m)."""
+        parts = self._delayed_parts(coefficients)
+        late = [gain * self._spectrum(kernel, power, delayed=True) * moved
+                for gains, moved in parts for power, gain in enumerate(gains, 1)]  # fmt: skip
+        return np.stack([*(self._answer(kernel, coefficients, -slope) for slope in kernel.slopes), -sum(late)])
+
+    def _answer(self, kernel: Kernel, coefficients: Floats, factor: Complexes | float) -> Complexes:
+        """The spectrum of all but offset and ramp, with a transform times a factor."""
+        step = kernel.step * factor
+        later = step * kernel.lag
+        answers = [self._fold(later * np.polyval(gains[::-1], self._s)) * moved
+                   for gains, moved in self._delayed_parts(coefficients)]  # fmt: skip
+        if self.start.free:
+            first = self.structure.zeros + 1 + self.start.step
+            powers = coefficients[first : first + self._free_orders]
+            answers.append(self._fold(step * np.polyval(powers[::-1], self._s)))
+        return np.asarray(sum(answers))
+
+    def _delayed_parts(self, coefficients: Floats) -> list[tuple[Floats, Complexes | float]]:
+        """Gains of powers of s, and the spectrum of the steps that they answer, of all that the delay moves."""
+        each = self.structure.zeros + 1
+        parts: list[tuple[Floats, Complexes | float]] = [(coefficients[:each], self._control)]
         if self.start.step:
-            late = late - self._fold(coefficients[gains.size] * self._s * kernel.step * kernel.lag)
-        return self._signals(np.stack([*spectra, late]))
+            parts.append((coefficients[each : each + 1], 1.0))
+        first = each + self.free_columns - len(self._loads) * each
+        return parts + [(coefficients[first + j * each :][:each], load) for j, load in enumerate(self._loads)]
 
     def load_shapes(self, x: Floats, gains: Floats, instants: Floats) -> Floats:
         """What a unit step of a load at each of some instants [s] makes of the measurement, shape (m, n)."""
@@ -170,13 +187,6 @@ class RecordResponse:
         spectra: Complexes = np.fft.rfft(steps * self._damp[: self._cells], self._period)
         return spectra
 
-    def _load_numerators(self, coefficients: Floats) -> list[Complexes]:
-        """The numerator of each load's answer."""
-        each = self.structure.zeros + 1
-        first = each + self.free_columns - len(self._loads) * each
-        parts = coefficients[first : first + len(self._loads) * each].reshape(-1, each)
-        return [np.asarray(np.polyval(part[::-1], self._s), dtype=np.complex128) for part in parts]
-
     def scan(self, x: Floats, delays: Floats) -> tuple[Floats, Floats, Floats]:
         """Roughly: what control and a step at the first instant do behind each delay, and two free responses.
 
@@ -188,36 +198,29 @@ class RecordResponse:
         found = self._signals(np.concatenate([steps * self._control, steps, free])).T
         return found[: delays.size], found[delays.size : -2], found[-2:]
 
-    def _start_transform(self, kernel: _Kernel, coefficients: Floats) -> Complexes | None:
-        """Minus the transform of what the beginning adds."""
-        if not self.free_columns:
-            return None
-        total = np.zeros_like(self._s)
-        first = int(self.start.step)
-        if first:
-            total = total - coefficients[0] * kernel.step * kernel.lag
-        if self.start.free:
-            free = coefficients[first : first + self._free_orders]
-            total = total - np.polyval(free[::-1], self._s) * kernel.step
-        return total
-
-    def _at(self, x: Floats) -> _Kernel:
+    def _at(self, x: Floats) -> Kernel:
         if self._kernel is None or not np.array_equal(self._kernel.x, x):
-            value, slopes = self.structure.denominator(x, self._log_s)
-            self._kernel = _Kernel(x.copy(), 1.0 / (self._s * value), slopes, np.exp(-x[-1] * self._s))
+            value, slopes = self.structure.denominator(x, self._s, self._log_s)
+            self._kernel = Kernel(x.copy(), 1.0 / (self._s * value), slopes, np.exp(-x[-1] * self._s), {})
         return self._kernel
 
-    def _spectrum(self, x: Floats, power: int, delayed: bool) -> Complexes:
+    def _spectrum(self, kernel: Kernel, power: int, delayed: bool) -> Complexes:
         """Of the samples of the response of s^power over the denominator to a unit step."""
-        kernel = self._at(x)
-        smooth = kernel.step * self._s**power if power else kernel.step
-        order, log_lead, rate = self.structure.fast_end(x)
+        known = kernel.spectra
+        if (power, delayed) not in known:
+            known[power, delayed] = self._new_spectrum(kernel, power, delayed)
+        return known[power, delayed]
+
+    def _new_spectrum(self, kernel: Kernel, power: int, delayed: bool) -> Complexes:
+        smooth = kernel.step * _power(self._s, power) if power else kernel.step
+        order, log_lead, rate = self.structure.fast_end(kernel.x)
         start = order - power
         if not 0.0 < start < _SUDDEN:
             return self._fold(smooth * kernel.lag if delayed else smooth)
-        smooth = smooth - np.exp(-log_lead - (start + 1.0) * np.log(self._s + rate))
-        elapsed = np.maximum(self._grid - x[-1] if delayed else self._grid, 0.0)
-        sudden = elapsed**start * np.exp(-rate * elapsed - log_lead) / math.gamma(start + 1.0)
+        lead = math.exp(-log_lead)
+        smooth = smooth - lead / _power(self._s + rate, start + 1.0)
+        elapsed = np.maximum(self._grid - kernel.x[-1] if delayed else self._grid, 0.0)
+        sudden = _power(elapsed, start) * np.exp(-rate * elapsed) * (lead / math.gamma(start + 1.0))
         smooth_samples = self._fold(smooth * kernel.lag if delayed else smooth)
         spectrum: Complexes = smooth_samples + np.fft.rfft(sudden * self._damp)
         return spectrum
@@ -237,6 +240,13 @@ class RecordResponse:
         left = place.astype(np.intp)
         share = place - left
         return ((1.0 - share) * grid[:, left] + share * grid[:, left + 1]).T
+
+
+def _power(base: _Array, exponent: float) -> _Array:
+    """base^exponent; by multiplication alone, which is several times faster, where the exponent is whole."""
+    if exponent != int(exponent):
+        return np.exp(exponent * np.log(base)) if np.iscomplexobj(base) else base**exponent
+    return math.prod([base] * int(exponent), start=np.ones_like(base))
 
 
 def _cell_averages(record: Record, cells: int, width: float) -> Floats:
