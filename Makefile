@@ -32,7 +32,7 @@ PYTEST = "$(BIN)/python" -m pytest -p tests.patience --numprocesses $(WORKERS) -
 
 # The share of the work that is done: of each test's cases, of the tests that take long, and of campaigns.
 SHARE := 1
-# Which part of the long tests that is: each commit has the next.
+# Which part that is: each commit has the next.
 export TURN ?= $(shell git rev-list --count HEAD 2>/dev/null || echo 0)
 # `make reliability`: where its figures go, and how many loops run side by side.
 PAGE := docs/reliability.md
@@ -51,8 +51,8 @@ demo: venv ## Tune and run a loop over ROS 2, write the report [PROCESS='9/((s+1
 	@"$(BIN)/fopid_demo" "--process=$${PROCESS:-P1}" $(ARGS)
 
 .PHONY: test
-test: venv ## Run the fast tests [ARGS='-k name']
-	@SHARE=$(SHARE) $(PYTEST) $(ARGS)
+test: venv ## Run the fast tests, of each three cases, others at each commit; all cases of what ARGS='-k name' picks
+	@SHARE=$(SHARE) MOST_CASES=$(if $(ARGS),,3) $(PYTEST) $(ARGS)
 
 .PHONY: test-slow
 test-slow: venv ## Run the tests marked slow [ARGS='-k name' SHARE=0.1]

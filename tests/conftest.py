@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from .share import TURN, some_of
+from .share import SHARE, TURN, a_few_of, some_of
 
 if TYPE_CHECKING:
     from .chromium import Browser
@@ -25,21 +25,26 @@ OVER_ROS = {CAMPAIGNS, *(Path(__file__).parent / folder for folder in ("ros", "d
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark what starts ROS nodes; of each test's cases, and of the long tests, keep as many as the share asks for.
 
-    The long tests take turns: who runs a share of them again and again has run all some day.
+    The long tests take turns, and so do slow ones of one case, in two halves: who runs a share of them again and again
+    has run all some day.
     """
-    groups: dict[str, list[pytest.Item]] = defaultdict(list)
+    groups: dict[tuple[str, bool], list[pytest.Item]] = defaultdict(list)
+    long = []
     for item in items:
         if OVER_ROS.intersection(item.path.parents):
             item.add_marker(pytest.mark.ros)
         if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.slow)
-            groups["long"].append(item)
+            long.append(item)
         elif CAMPAIGNS not in item.path.parents:
-            groups[item.nodeid.partition("[")[0]].append(item)
+            is_slow = item.get_closest_marker("slow") is not None
+            groups[item.nodeid.partition("[")[0], is_slow].append(item)
     if config.getoption("lf", default=False):  # what has failed was among those
         return
-    kept = {item for name, group in groups.items() for item in some_of(group, TURN if name == "long" else 0)}
-    left_out = {item for group in groups.values() for item in group} - kept
+    alone = [group[0] for (_, is_slow), group in groups.items() if is_slow and len(group) == 1]
+    cases = [case for group in groups.values() if group[0] not in alone for case in a_few_of(some_of(group))]
+    kept = {*some_of(long, TURN), *some_of(alone, TURN, 1 if SHARE > 0.5 else 2), *cases}
+    left_out = {*long, *(item for group in groups.values() for item in group)} - kept
     if left_out:
         config.hook.pytest_deselected(items=[item for item in items if item in left_out])
         items[:] = [item for item in items if item not in left_out]
