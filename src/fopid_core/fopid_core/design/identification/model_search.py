@@ -186,7 +186,7 @@ class Search:
                 break
             seen = flaws.of_record(record)
             other = linear.of(seen, self.rough(seen)).behind(flaws)
-            if found is not None and not _explains_more(other.best, found.best):
+            if found is not None and other.best.noise >= found.best.noise:
                 break
             found, best = other, other.best
         return None if found is None or found.refusal or self._leaves_much(found.best) else found
@@ -308,12 +308,6 @@ def _miss_something(record: Record, models: tuple[IdentifiedModel, ...], noise: 
     explained = max(model.fit_pct for model in models)
     sound = explained >= GOOD_FIT and not refusal_of(record, _preferred(models), noise)
     return matters and explained < (BEST_FIT if sound else GOOD_FIT)
-
-
-def _explains_more(model: IdentifiedModel, other: IdentifiedModel) -> bool:
-    """Whether a model leaves less than another, or hardly more with fewer numbers."""
-    fewer = len(model.parameters) < len(other.parameters)
-    return model.noise < (NEARLY if fewer else 1.0) * other.noise
 
 
 def _preferred(models: tuple[IdentifiedModel, ...]) -> IdentifiedModel:

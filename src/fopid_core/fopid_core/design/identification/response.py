@@ -54,14 +54,13 @@ class InitialCondition:
 
 
 @dataclass(frozen=True)
-class Kernel:
+class _Kernel:
     """A structure at given numbers, on the grid of frequencies."""
 
     x: Floats
     step: Complexes  # transform of the unit step response without delay and gain
     slopes: list[Complexes]  # of log denominator
     lag: Complexes  # exp(-L s)
-    spectra: dict[tuple[int, bool], Complexes]  # that are known already
 
 
 class RecordResponse:
@@ -98,7 +97,7 @@ class RecordResponse:
         self._control = np.fft.rfft(steps * self._damp[:cells], period)
         self._cells, self._period = cells, period
         self._loads = self._steps(np.array(start.loads))
-        self._kernel: Kernel | None = None
+        self._kernel: _Kernel | None = None
 
     def of(self, structure: Structure) -> RecordResponse:
         """The same for another structure."""
@@ -141,35 +140,23 @@ class RecordResponse:
 
     def slopes(self, x: Floats, coefficients: Floats) -> Floats:
         """Derivatives of ``columns(x) @ coefficients`` with respect to x, shape (n, len(x))."""
-        return self._signals(self._slope_spectra(self._at(x), coefficients))
-
-    def _slope_spectra(self, kernel: Kernel, coefficients: Floats) -> Complexes:
-        """Of the slopes, shape (len(x), m)."""
-        parts = self._delayed_parts(coefficients)
-        late = [gain * self._spectrum(kernel, power, delayed=True) * moved
-                for gains, moved in parts for power, gain in enumerate(gains, 1)]  # fmt: skip
-        return np.stack([*(self._answer(kernel, coefficients, -slope) for slope in kernel.slopes), -sum(late)])
-
-    def _answer(self, kernel: Kernel, coefficients: Floats, factor: Complexes | float) -> Complexes:
-        """The spectrum of all but offset and ramp, with a transform times a factor."""
-        step = kernel.step * factor
-        later = step * kernel.lag
-        answers = [self._fold(later * np.polyval(gains[::-1], self._s)) * moved
-                   for gains, moved in self._delayed_parts(coefficients)]  # fmt: skip
-        if self.start.free:
-            first = self.structure.zeros + 1 + self.start.step
-            powers = coefficients[first : first + self._free_orders]
-            answers.append(self._fold(step * np.polyval(powers[::-1], self._s)))
-        return np.asarray(sum(answers))
-
-    def _delayed_parts(self, coefficients: Floats) -> list[tuple[Floats, Complexes | float]]:
-        """Gains of powers of s, and the spectrum of the steps that they answer, of all that the delay moves."""
-        each = self.structure.zeros + 1
-        parts: list[tuple[Floats, Complexes | float]] = [(coefficients[:each], self._control)]
+        kernel, each = self._at(x), self.structure.zeros + 1
+        parts = [(coefficients[:each], self._control)]
         if self.start.step:
-            parts.append((coefficients[each : each + 1], 1.0))
+            parts.append((coefficients[each : each + 1], np.ones_like(self._control)))
         first = each + self.free_columns - len(self._loads) * each
-        return parts + [(coefficients[first + j * each :][:each], load) for j, load in enumerate(self._loads)]
+        parts += [(coefficients[first + j * each :][:each], load) for j, load in enumerate(self._loads)]
+        step = -kernel.step * kernel.lag
+        delayed = [(step * np.polyval(gains[::-1], self._s), moved) for gains, moved in parts]
+        late = self._together(delayed, self._s)
+        if self.start.free:
+            powers = coefficients[first - self._free_orders : first]
+            delayed.append((-kernel.step * np.polyval(powers[::-1], self._s), np.ones_like(self._control)))
+        return self._signals(np.stack([*(self._together(delayed, slope) for slope in kernel.slopes), late]))
+
+    def _together(self, answers: list[tuple[Complexes, Complexes]], factor: Complexes) -> Complexes:
+        """The spectrum of answers to steps: transforms, each times a factor, and the spectra of the steps."""
+        return np.asarray(sum(self._fold(answer * factor) * steps for answer, steps in answers))
 
     def load_shapes(self, x: Floats, gains: Floats, instants: Floats) -> Floats:
         """What a unit step of a load at each of some instants [s] makes of the measurement, shape (m, n)."""
@@ -198,20 +185,14 @@ class RecordResponse:
         found = self._signals(np.concatenate([steps * self._control, steps, free])).T
         return found[: delays.size], found[delays.size : -2], found[-2:]
 
-    def _at(self, x: Floats) -> Kernel:
+    def _at(self, x: Floats) -> _Kernel:
         if self._kernel is None or not np.array_equal(self._kernel.x, x):
             value, slopes = self.structure.denominator(x, self._s, self._log_s)
-            self._kernel = Kernel(x.copy(), 1.0 / (self._s * value), slopes, np.exp(-x[-1] * self._s), {})
+            self._kernel = _Kernel(x.copy(), 1.0 / (self._s * value), slopes, np.exp(-x[-1] * self._s))
         return self._kernel
 
-    def _spectrum(self, kernel: Kernel, power: int, delayed: bool) -> Complexes:
+    def _spectrum(self, kernel: _Kernel, power: int, delayed: bool) -> Complexes:
         """Of the samples of the response of s^power over the denominator to a unit step."""
-        known = kernel.spectra
-        if (power, delayed) not in known:
-            known[power, delayed] = self._new_spectrum(kernel, power, delayed)
-        return known[power, delayed]
-
-    def _new_spectrum(self, kernel: Kernel, power: int, delayed: bool) -> Complexes:
         smooth = kernel.step * _power(self._s, power) if power else kernel.step
         order, log_lead, rate = self.structure.fast_end(kernel.x)
         start = order - power

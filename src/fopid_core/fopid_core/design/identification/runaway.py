@@ -18,10 +18,11 @@ from scipy.signal import lfilter
 
 from fopid_core.design.identification.fit import Fit, at, fit
 from fopid_core.design.identification.record import Record, validation_samples
-from fopid_core.design.identification.response import MOST_CELLS, InitialCondition, Kernel, RecordResponse
+from fopid_core.design.identification.response import MOST_CELLS, InitialCondition, RecordResponse
 from fopid_core.design.identification.structure import LAG, PAIR, UNSTABLE_STRUCTURES, Structure
 from fopid_core.model.arrays import Complexes, Floats
 
+_STEP = 1e-5
 _ROUGH, _COARSE = 512, 2048
 _RUNAWAYS, _LAGS, _DELAYS = 9, 7, 4
 """Points of the grid on which the search begins."""
@@ -59,25 +60,19 @@ class RunawayResponse(RecordResponse):
         return signals
 
     def slopes(self, x: Floats, coefficients: Floats) -> Floats:
-        """Of what the model makes of the control less the measurement, both behind the filter."""
-        slopes = super().slopes(x, coefficients)
-        later = 1 + self.start.ramp
-        in_time = super().columns(x)[:, -later:] @ coefficients[-later:] - self.measurement
-        a = self._growth(x)
-        slopes[:, 0] += self._growth_slope(x) * lfilter([0.0, -1.0 - a**-2, 2.0 / a], [1.0, -2.0 / a, a**-2], in_time)
-        return slopes
+        """Of what the model makes of the control less the measurement, both behind the filter: by differences."""
 
-    def _slope_spectra(self, kernel: Kernel, coefficients: Floats) -> Complexes:
-        """What the filter makes into the slopes: its own, which moves with the unstable pole, is one of them."""
-        spectra = super()._slope_spectra(kernel, coefficients)
-        a, later = self._growth(kernel.x), self._a_sample_later(spectra)
-        of_filter = later * (2.0 * later / a - 1.0 - a**-2) / ((1.0 - a * later) * (1.0 - later / a))
-        spectra[0] += self._growth_slope(kernel.x) * of_filter * self._answer(kernel, coefficients, 1.0)
-        return spectra
+        def left(numbers: Floats) -> Floats:
+            return self.columns(numbers) @ coefficients - self.target(numbers)
 
-    def _growth_slope(self, x: Floats) -> float:
-        """The derivative of the growth with respect to the first number."""
-        return -self._growth(x) * self._h * math.exp(-x[0])
+        scale = np.full(x.size, _STEP)
+        scale[-1] *= max(self.sample_time, float(x[-1]))
+        moves = np.diag(scale)
+        first = x[-1] < scale[-1]  # no delay below 0
+        return np.stack([
+            (left(x + move) - left(x if last and first else x - move)) / (move.sum() * (1.0 if last and first else 2.0))
+            for move, last in zip(moves, np.arange(x.size) == x.size - 1, strict=True)
+        ], axis=1)  # fmt: skip
 
     def _growth(self, x: Floats) -> float:
         """By how much the unstable pole grows in a sample."""
@@ -91,12 +86,8 @@ class RunawayResponse(RecordResponse):
     def _signals(self, spectra: Complexes) -> Floats:
         assert self._kernel is not None
         a = self._growth(self._kernel.x)
-        later = self._a_sample_later(spectra)
+        later = np.exp(-self._s[: spectra.shape[-1]] * self._h)
         return super()._signals(spectra * ((1.0 - a * later) / (1.0 - later / a)))
-
-    def _a_sample_later(self, spectra: Complexes) -> Complexes:
-        """By what a delay of one sample multiplies spectra."""
-        return np.exp(-self._s[: spectra.shape[-1]] * self._h)
 
 
 def response_to(
