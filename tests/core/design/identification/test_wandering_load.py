@@ -171,3 +171,31 @@ def test_without_anything_from_outside_it_is_not_known() -> None:
     record = Day(moves=()).record(1)
     assert beside_wandering_loads(record) is None
     assert beside_wandering_loads(replace(record, setpoint=None)) is None
+
+
+def hovering(seed: int) -> Record:
+    """Height of what hovers on thrust that lags by 60 ms, in gusts that wander, while an experiment moves it."""
+    random, tick, count = np.random.default_rng(seed), 0.02, 3000
+    moves = np.repeat(random.choice([-1.0, 1.0], count // 40), 40)
+    moves[:400] = 0.0
+    gusts = np.cumsum(0.05 * random.standard_normal(count))
+    height = speed = thrust = integral = 0.0
+    control, measured = np.empty(count), np.empty(count)
+    for k in range(count):
+        measured[k] = height + 0.007 * random.standard_normal()
+        integral -= 2.0 * tick * measured[k]
+        control[k] = integral - 10.0 * measured[k] - 6.0 * speed + moves[k]
+        for _ in range(4):
+            thrust += 0.25 * tick * (0.39 * (control[k] + gusts[k]) - thrust) / 0.06
+            speed += 0.25 * tick * (thrust - 0.1 * speed)
+            height += 0.25 * tick * speed
+    return Record(tick * np.arange(count), control, measured, excitation=moves)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 3])
+def test_loads_that_move_further_than_an_experiment_hide_it_and_that_is_said(seed: int) -> None:
+    """What is learnt beside them has no spring in truth: it is off by 37 and 79 % at 1 rad/s, for all its fit."""
+    found = identify(hovering(seed), noise=0.007)
+    assert not found.success
+    assert "loads that wander hide" in found.message

@@ -98,7 +98,8 @@ def _why_not(record: Record, best: IdentifiedModel, noise: float) -> str:
     if missed == math.inf:
         return f"disturbances have moved the measurement more than the experiment has: {_LARGER}"
     if missed > MOST_MISSED:
-        return f"the model misses {min(100.0 * missed, 100.0):.0f} % of what the experiment has moved: {_LARGER}"
+        told = "loads that wander hide" if best.wanders else "the model misses"
+        return f"{told} {min(100.0 * missed, 100.0):.0f} % of what the experiment has moved: {_LARGER}"
     known_rest = best.noise <= NOISES * noise or missed < MISSED_IN_NOISE
     if explains_little(best) and (not known_rest or best.fit_pct < LEAST_FIT_IN_NOISE):
         return f"the control explains only {max(best.fit_pct, 0.0):.0f} % of the measurement: {_advice(record)}"

@@ -338,7 +338,8 @@ class ClosedLoopExperiment:
         limit, calm_for = SETTLE_SHARE * self.duration, CALM_SHARE * self.duration
         calm = Calm(self.residual_transient(), SMOOTHED_SHARE * calm_for)
         sensor = LoneSample.within(self.loop.deviation_max)
-        newest, setpoint = Tick(-math.inf, 0.0, 0.0, 0.0), self.loop.setpoint
+        setpoint = self.loop.setpoint
+        newest = Tick(-math.inf, setpoint, setpoint, 0.0)  # until one is heard
         began: list[float] = []
         furthest = 0.0
 

@@ -396,7 +396,7 @@ class GainUpdate:
         def stage() -> Stage:
             done, history = watch.figures.duration, self._tap.history
             deviation = history.newest("measurement") - history.newest("setpoint")
-            return Stage("watching", 0.75 + 0.25 * min(done / window, 1.0), window - done, deviation,
+            return Stage("watching", 0.75 + 0.25 * min(done / window, 1.0), max(window - done, 0.0), deviation,
                          message=watch.reason)  # fmt: skip
 
         self._tap.set_tick_hook(hook)
