@@ -53,7 +53,7 @@ that no step of the setpoint does any more."""
 GAINED = 0.75
 """A ramp that nothing demands is worth it where it leaves no more than this share of the error without it."""
 MOST_TICKS = 5_000
-"""Of these a tick costs 25 us, and a search makes some five hundred: of a slow loop the last of the tail is not seen."""
+"""A tick costs 25 us, and a search tries some five hundred times: of a slow loop the last of the tail is not seen."""
 _SEED = 1
 
 

@@ -113,7 +113,7 @@ def correlation_time(residual: Floats) -> float:
 def relative_deviation(found: Fit, spread: Floats, frequency: float) -> float:
     """Standard deviation of the model at a frequency [rad/s], as a share of its size there."""
     s = np.array([1j * frequency])
-    _, slopes = found.structure.denominator(found.x, s, np.log(s))
+    _, slopes = found.structure.denominator(found.x, np.log(s))
     powers = s ** np.arange(found.gains.size)
     numerator = complex(found.gains @ powers)
     row = np.concatenate([[-complex(slope[0]) for slope in slopes], -s, powers / numerator])

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
-from scipy.fft import next_fast_len
 
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.structure import Structure
@@ -24,8 +22,6 @@ _SUDDEN = 3.0
 """Step responses that start with a higher power of time than this are smooth enough as they are; those that start with
 a jump belong to the free response, whose shape is no more than a guess."""
 MOST_CELLS = 8192
-
-_Array = TypeVar("_Array", Floats, Complexes)
 
 
 @dataclass(frozen=True)
@@ -84,7 +80,7 @@ class RecordResponse:
         cells = time.size if self._aligned else min(max(2 * time.size, 512), 2 * most)
         self.sample_time = record.sample_time
         self._h = record.sample_time if self._aligned else record.span / cells
-        period = 2 * next_fast_len(cells, real=True)
+        period = 2 * cells
         line = _DAMPING / (period * self._h)
         self._grid: Floats = self._h * np.arange(period, dtype=np.float64)
         self._damp = np.exp(-line * self._grid)
@@ -116,13 +112,12 @@ class RecordResponse:
 
     def columns(self, x: Floats) -> Floats:
         """Everything that enters linearly, shape (n, k): gains, what the beginning adds, loads, offset and ramp."""
-        kernel = self._at(x)
-        delayed = [self._spectrum(kernel, j, delayed=True) for j in range(self.structure.zeros + 1)]
+        delayed = [self._spectrum(x, j, delayed=True) for j in range(self.structure.zeros + 1)]
         spectra = [spectrum * self._control for spectrum in delayed]
         if self.start.step:
             spectra.append(delayed[0])
         if self.start.free:
-            spectra += [self._spectrum(kernel, j, delayed=False) for j in range(self._free_orders)]
+            spectra += [self._spectrum(x, j, delayed=False) for j in range(self._free_orders)]
         spectra += [spectrum * load for load in self._loads for spectrum in delayed]
         signals = self._signals(np.stack(spectra))
         ramp = [self.time / self.time[-1]] if self.start.ramp else []
@@ -140,23 +135,24 @@ class RecordResponse:
 
     def slopes(self, x: Floats, coefficients: Floats) -> Floats:
         """Derivatives of ``columns(x) @ coefficients`` with respect to x, shape (n, len(x))."""
-        kernel, each = self._at(x), self.structure.zeros + 1
-        parts = [(coefficients[:each], self._control)]
+        kernel = self._at(x)
+        gains = coefficients[: self.structure.zeros + 1]
+        numerator = np.polyval(gains[::-1], self._s)
+        driven = -kernel.step * kernel.lag * numerator
+        rest = self._start_transform(kernel, coefficients[gains.size :])
+        spectra = []
+        for slope in kernel.slopes:
+            spectrum = self._fold(driven * slope) * self._control
+            spectra.append(spectrum if rest is None else spectrum + self._fold(rest * slope))
+        late = self._fold(driven * self._s) * self._control
+        for load, of_load in zip(self._loads, self._load_numerators(coefficients), strict=True):
+            moved = -kernel.step * kernel.lag * of_load
+            spectra = [spectrum + self._fold(moved * slope) * load for spectrum, slope in
+                       zip(spectra, kernel.slopes, strict=True)]  # fmt: skip
+            late = late + self._fold(moved * self._s) * load
         if self.start.step:
-            parts.append((coefficients[each : each + 1], np.ones_like(self._control)))
-        first = each + self.free_columns - len(self._loads) * each
-        parts += [(coefficients[first + j * each :][:each], load) for j, load in enumerate(self._loads)]
-        step = -kernel.step * kernel.lag
-        delayed = [(step * np.polyval(gains[::-1], self._s), moved) for gains, moved in parts]
-        late = self._together(delayed, self._s)
-        if self.start.free:
-            powers = coefficients[first - self._free_orders : first]
-            delayed.append((-kernel.step * np.polyval(powers[::-1], self._s), np.ones_like(self._control)))
-        return self._signals(np.stack([*(self._together(delayed, slope) for slope in kernel.slopes), late]))
-
-    def _together(self, answers: list[tuple[Complexes, Complexes]], factor: Complexes) -> Complexes:
-        """The spectrum of answers to steps: transforms, each times a factor, and the spectra of the steps."""
-        return np.asarray(sum(self._fold(answer * factor) * steps for answer, steps in answers))
+            late = late - self._fold(coefficients[gains.size] * self._s * kernel.step * kernel.lag)
+        return self._signals(np.stack([*spectra, late]))
 
     def load_shapes(self, x: Floats, gains: Floats, instants: Floats) -> Floats:
         """What a unit step of a load at each of some instants [s] makes of the measurement, shape (m, n)."""
@@ -174,6 +170,13 @@ class RecordResponse:
         spectra: Complexes = np.fft.rfft(steps * self._damp[: self._cells], self._period)
         return spectra
 
+    def _load_numerators(self, coefficients: Floats) -> list[Complexes]:
+        """The numerator of each load's answer."""
+        each = self.structure.zeros + 1
+        first = each + self.free_columns - len(self._loads) * each
+        parts = coefficients[first : first + len(self._loads) * each].reshape(-1, each)
+        return [np.asarray(np.polyval(part[::-1], self._s), dtype=np.complex128) for part in parts]
+
     def scan(self, x: Floats, delays: Floats) -> tuple[Floats, Floats, Floats]:
         """Roughly: what control and a step at the first instant do behind each delay, and two free responses.
 
@@ -185,23 +188,36 @@ class RecordResponse:
         found = self._signals(np.concatenate([steps * self._control, steps, free])).T
         return found[: delays.size], found[delays.size : -2], found[-2:]
 
+    def _start_transform(self, kernel: _Kernel, coefficients: Floats) -> Complexes | None:
+        """Minus the transform of what the beginning adds."""
+        if not self.free_columns:
+            return None
+        total = np.zeros_like(self._s)
+        first = int(self.start.step)
+        if first:
+            total = total - coefficients[0] * kernel.step * kernel.lag
+        if self.start.free:
+            free = coefficients[first : first + self._free_orders]
+            total = total - np.polyval(free[::-1], self._s) * kernel.step
+        return total
+
     def _at(self, x: Floats) -> _Kernel:
         if self._kernel is None or not np.array_equal(self._kernel.x, x):
-            value, slopes = self.structure.denominator(x, self._s, self._log_s)
+            value, slopes = self.structure.denominator(x, self._log_s)
             self._kernel = _Kernel(x.copy(), 1.0 / (self._s * value), slopes, np.exp(-x[-1] * self._s))
         return self._kernel
 
-    def _spectrum(self, kernel: _Kernel, power: int, delayed: bool) -> Complexes:
+    def _spectrum(self, x: Floats, power: int, delayed: bool) -> Complexes:
         """Of the samples of the response of s^power over the denominator to a unit step."""
-        smooth = kernel.step * _power(self._s, power) if power else kernel.step
-        order, log_lead, rate = self.structure.fast_end(kernel.x)
+        kernel = self._at(x)
+        smooth = kernel.step * self._s**power if power else kernel.step
+        order, log_lead, rate = self.structure.fast_end(x)
         start = order - power
         if not 0.0 < start < _SUDDEN:
             return self._fold(smooth * kernel.lag if delayed else smooth)
-        lead = math.exp(-log_lead)
-        smooth = smooth - lead / _power(self._s + rate, start + 1.0)
-        elapsed = np.maximum(self._grid - kernel.x[-1] if delayed else self._grid, 0.0)
-        sudden = _power(elapsed, start) * np.exp(-rate * elapsed) * (lead / math.gamma(start + 1.0))
+        smooth = smooth - np.exp(-log_lead - (start + 1.0) * np.log(self._s + rate))
+        elapsed = np.maximum(self._grid - x[-1] if delayed else self._grid, 0.0)
+        sudden = elapsed**start * np.exp(-rate * elapsed - log_lead) / math.gamma(start + 1.0)
         smooth_samples = self._fold(smooth * kernel.lag if delayed else smooth)
         spectrum: Complexes = smooth_samples + np.fft.rfft(sudden * self._damp)
         return spectrum
@@ -221,13 +237,6 @@ class RecordResponse:
         left = place.astype(np.intp)
         share = place - left
         return ((1.0 - share) * grid[:, left] + share * grid[:, left + 1]).T
-
-
-def _power(base: _Array, exponent: float) -> _Array:
-    """base^exponent; by multiplication alone, which is several times faster, where the exponent is whole."""
-    if exponent != int(exponent):
-        return np.exp(exponent * np.log(base)) if np.iscomplexobj(base) else base**exponent
-    return math.prod([base] * int(exponent), start=np.ones_like(base))
 
 
 def _cell_averages(record: Record, cells: int, width: float) -> Floats:

@@ -48,7 +48,7 @@ class Section:
     damped: bool = False
     end: float = 1.0
 
-    @cached_property
+    @property
     def names(self) -> tuple[str, ...]:
         """Its free numbers."""
         free = (self.end != 0.0, self.damped, self.alpha is None, self.damped and self.beta is None)
@@ -64,23 +64,14 @@ class Section:
             given.get("beta", self.beta or 0.0),
         )
 
-    def logarithm(self, x: Floats, s: Complexes, log_s: Complexes) -> tuple[Complexes, list[Complexes]]:
+    def logarithm(self, x: Floats, log_s: Complexes) -> tuple[Complexes, list[Complexes]]:
         """The section's value at s, and the derivatives of its logarithm with respect to the free numbers."""
         log_tau, log_c, alpha, beta = self.numbers(x)
-
-        def power(order: float) -> Complexes:
-            whole = order in (1.0, 2.0)
-            scaled: Complexes = math.exp(log_tau) * s if whole else np.exp(order * (log_s + log_tau))
-            return scaled * scaled if order == 2.0 else scaled
-
-        first = power(alpha)
-        second = math.exp(log_c) * power(beta) if self.damped else np.zeros(())
+        z: Complexes = log_s + log_tau
+        first: Complexes = np.exp(alpha * z)
+        second: Complexes = np.exp(beta * z + log_c) if self.damped else np.zeros_like(first)
         value = first + second + self.end
-        slopes = {"log_tau": alpha * first + beta * second, "log_c": second}
-        if "alpha" in self.names:
-            slopes["alpha"] = first * (log_s + log_tau)
-        if "beta" in self.names:
-            slopes["beta"] = second * (log_s + log_tau)
+        slopes = {"log_tau": alpha * first + beta * second, "log_c": second, "alpha": first * z, "beta": second * z}
         return value, [slopes[name] / value for name in self.names]
 
 
@@ -123,10 +114,9 @@ class Structure:
         ends = np.cumsum([len(section.names) for section in self.sections]).tolist()
         return [slice(end - len(section.names), end) for section, end in zip(self.sections, ends, strict=True)]
 
-    def denominator(self, x: Floats, s: Complexes, log_s: Complexes) -> tuple[Complexes, list[Complexes]]:
+    def denominator(self, x: Floats, log_s: Complexes) -> tuple[Complexes, list[Complexes]]:
         """Its value at s and the derivatives of its logarithm with respect to all but the delay."""
-        placed = zip(self.sections, self._places, strict=True)
-        parts = [section.logarithm(x[place], s, log_s) for section, place in placed]
+        parts = [section.logarithm(x[place], log_s) for section, place in zip(self.sections, self._places, strict=True)]
         value = parts[0][0]
         for other, _ in parts[1:]:
             value = value * other
