@@ -41,9 +41,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             groups[item.nodeid.partition("[")[0], is_slow].append(item)
     if config.getoption("lf", default=False):  # what has failed was among those
         return
-    alone = [group[0] for (_, is_slow), group in groups.items() if is_slow and len(group) == 1]
-    cases = [case for group in groups.values() if group[0] not in alone for case in a_few_of(some_of(group))]
-    kept = {*some_of(long, TURN), *some_of(alone, TURN, 1 if SHARE > 0.5 else 2), *cases}
+    alone: list[pytest.Item] = []
+    kept = set(some_of(long, TURN))
+    for (_, is_slow), group in groups.items():
+        if is_slow and len(group) == 1:
+            alone += group
+        else:
+            kept.update(a_few_of(some_of(group)))
+    kept.update(some_of(alone, TURN, 1 if SHARE > 0.5 else 2))
     left_out = {*long, *(item for group in groups.values() for item in group)} - kept
     if left_out:
         config.hook.pytest_deselected(items=[item for item in items if item in left_out])

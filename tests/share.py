@@ -21,7 +21,15 @@ def share_of(count: int) -> int:
 
 
 def some_of(cases: Iterable[Any], turn: int = 0, every: int | None = None) -> list[Any]:
-    """One in so many, as this run's share asks for unless said, evenly spread; each turn takes others, 0 the first."""
+    """One in so many, as this run's share asks for unless said, evenly spread; each turn takes others, 0 the first.
+
+    Examples
+    --------
+    >>> some_of([], turn=3)
+    []
+    >>> some_of("abcdefg", turn=4, every=3)
+    ['b', 'e']
+    """
     each = list(cases)
     step = min(every or max(1, round(1.0 / SHARE)), max(1, len(each)))
     return each[turn % step :: step]
