@@ -52,8 +52,9 @@ LARGER_LOADS = (2.0, 3.0)
 that no step of the setpoint does any more."""
 GAINED = 0.75
 """A ramp that nothing demands is worth it where it leaves no more than this share of the error without it."""
-MOST_TICKS = 5_000
-"""A tick costs 25 us, and a search tries some five hundred times: of a slow loop the last of the tail is not seen."""
+MOST_TICKS, TICKS_WITHOUT_REST = 5_000, 20_000
+"""A tick costs 25 us, and a search tries some five hundred times: of a slow loop the last of the tail is not seen. Where
+what runs never comes to rest, others are given longer to show that they run away as well."""
 _SEED = 1
 
 
@@ -274,4 +275,4 @@ def _allowed(move: _Move) -> float:
 def _ticks_until_rest(loop: Loop, sample_time: float) -> int:
     """How many ticks of this length [s] a step of a loop takes to die out, as many as are simulated at most."""
     horizon = default_horizon(loop) if stability(loop).stable else math.inf
-    return int(min(math.ceil(horizon / sample_time), MOST_TICKS)) if math.isfinite(horizon) else MOST_TICKS
+    return min(math.ceil(horizon / sample_time), MOST_TICKS) if math.isfinite(horizon) else TICKS_WITHOUT_REST
