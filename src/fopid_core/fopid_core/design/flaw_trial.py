@@ -53,8 +53,8 @@ that no step of the setpoint does any more."""
 GAINED = 0.75
 """A ramp that nothing demands is worth it where it leaves no more than this share of the error without it."""
 MOST_TICKS, TICKS_WITHOUT_REST = 5_000, 20_000
-"""A tick costs 25 us, and a search tries some five hundred times: of a slow loop the last of the tail is not seen. Where
-what runs never comes to rest, others are given longer to show that they run away as well."""
+"""A tick costs 25 us, and a search tries some five hundred times: of a slow loop the last of the tail is not seen.
+Where what runs never comes to rest, others are given longer to show that they run away as well."""
 _SEED = 1
 
 

@@ -174,7 +174,7 @@ def ticking_controller(stamps: list[int]) -> Node:
         stamps.append(time.monotonic_ns())
         publish(control, stamp_ns)
 
-    node.publish_control = noted
+    node.publish_control = noted  # type: ignore[method-assign]  # in front of the real one
     node.set_parameters([Parameter("allow_zero_gains", value=True)])
     node.start()
     return node
@@ -224,23 +224,24 @@ def measure(samples: int, seconds: float, console: Console) -> Table:
     table.add_row(name, value, f"{base:.1%} (bare node with its traffic)", f"{cost / base:.2f}")
     with console.status("measuring many joints and many loops"):
         joints, loops = (costs(GAINS, 2.0 * seconds, _until) for costs in (joint_costs, loop_costs))
-    for base, what in (("one", "1 joint, one node"), ("single", "single loop")):
-        name, ratio = "7 joints at 200 Hz, one node, share of a core", f"{joints['seven'] / joints[base]:.2f}"
-        table.add_row(name, f"{joints['seven']:.1%}", f"{joints[base]:.1%} ({what})", ratio)
+    for key, what in (("one", "1 joint, one node"), ("single", "single loop")):
+        name, ratio = "7 joints at 200 Hz, one node, share of a core", f"{joints['seven'] / joints[key]:.2f}"
+        table.add_row(name, f"{joints['seven']:.1%}", f"{joints[key]:.1%} ({what})", ratio)
     name, ratio = "20 loops at 50 Hz, one process, share of a core", f"{loops['loops'] / loops['bare']:.2f}"
     table.add_row(name, f"{loops['loops']:.1%}", f"{loops['bare']:.1%} (20 bare nodes, one process)", ratio)
     with console.status("measuring the nodes that listen"):
         costs = idle_costs(GAINS, max(4.0 * seconds, 20.0), _until)
     for name, option in LISTENERS.items():
-        ours, bare = costs[name].share, costs[option].share
+        used, least = costs[name].share, costs[option].share
         name = f"idle {name} beside a loop at 100 Hz, share of a core"
-        table.add_row(name, f"{ours:.1%}", f"{bare:.1%} (bare listener)", f"{ours / bare:.2f}")
-    bare = costs["bare_listener"]
-    for name, one in costs.items():
+        table.add_row(name, f"{used:.1%}", f"{least:.1%} (bare listener)", f"{used / least:.2f}")
+    listener = costs["bare_listener"]
+    for name, taken in costs.items():
         if name in LISTENERS.values():
             continue
-        value, base = (f"{c.resident:.0f} MB, private {c.private:.0f} MB" for c in (one, bare))
-        table.add_row(f"memory of {name}", value, f"{base} (bare node)", f"{one.resident / bare.resident:.2f}")
+        value, base_value = (f"{c.resident:.0f} MB, private {c.private:.0f} MB" for c in (taken, listener))
+        ratio = f"{taken.resident / listener.resident:.2f}"
+        table.add_row(f"memory of {name}", value, f"{base_value} (bare node)", ratio)
     return table
 
 

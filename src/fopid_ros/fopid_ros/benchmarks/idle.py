@@ -81,8 +81,9 @@ def idle_costs(
     node, executor = Node("bench_idle"), EventsExecutor()
     executor.add_node(node)
     bare = [sys.executable, "-m", "fopid_ros.benchmarks.idle"]
+    own: tuple[dict[str, object], ...] = ({"process": "P1"}, {**gains, "setpoint.initial": 1.0})
     with Children() as children:
-        for name, parameters in zip(LOOP, ({"process": "P1"}, {**gains, "setpoint.initial": 1.0}), strict=True):
+        for name, parameters in zip(LOOP, own, strict=True):
             children.start(name, [command(name), *ros_arguments(parameters), "--log-level", "warn"])
         children.start("fopid_tuner", [command("fopid_tuner"), *ros_arguments({"process": "P1"})])
         children.start("dashboard", [command("dashboard"), "--port", "0"], stdout=STDERR)

@@ -56,7 +56,7 @@ class Background:
             else:
                 reply(response, header)
 
-        service.send_response = send_now_or_later
+        service.send_response = send_now_or_later  # type: ignore[method-assign]  # rclpy calls the service's own
 
     def result(self, ask: Callable[[], Future], seconds: float) -> Any:
         """What a request to another node is answered, None if nothing; to be called from a thread of its own.

@@ -103,7 +103,7 @@ class Layout:
         # Where the fields begin, and so the gaps between them, depends on how long frame_id is.
         begin = _HEADER.size if self._stamped else 0
         self._fields = [_aligned(formats, begin + length) for length in range(LARGEST_ALIGNMENT)]
-        self._record = namedtuple(message_type.__name__, ("stamp_ns", *self.names))  # type: ignore[misc]
+        self._record: Any = namedtuple(message_type.__name__, ("stamp_ns", *self.names))  # type: ignore[misc]
         self._values = attrgetter("stamp_ns", *self.names)
         self._own = self._fields[1] if self._stamped else self._fields[0]  # frame_id is empty: its NUL
         self._begin = _BEHIND_HEADER + 1 if self._stamped else ALIGNED_FROM

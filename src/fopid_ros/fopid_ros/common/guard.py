@@ -12,6 +12,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import DescribeParameters, GetParameters, GetParameterTypes, ListParameters
+from rclpy.node import Node
 
 from fopid_ros.common.cdr import fault_finder
 
@@ -127,8 +128,8 @@ class Guard:
         }  # fmt: skip
 
 
-class GuardedNode:
-    """Mixed into a node, in front of ``Node``: each of its callbacks goes through ``guard``."""
+class GuardedNode(Node):
+    """A node of which each callback goes through ``guard``."""
 
     @functools.cached_property
     def guard(self) -> Guard:

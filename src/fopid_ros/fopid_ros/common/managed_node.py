@@ -107,7 +107,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
     """
 
     NAME: ClassVar[str]
-    SPECS: ClassVar[tuple[Spec, ...]]
+    SPECS: tuple[Spec, ...]
 
     def __init__(self, context: Context | None = None, namespace: str | None = None) -> None:
         super().__init__(self.NAME, namespace=namespace, context=context)
@@ -194,7 +194,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         answers = {SetParameters: answer_each, SetParametersAtomically: answer}
         for service in self.services:
             if service.srv_type in answers:
-                kind = service.srv_type
+                kind: Any = service.srv_type
                 service.callback = self.guard.wrap(kind.__name__, answers[kind], kind.Response)
 
     def _after_set(self, changes: list[Parameter]) -> None:
@@ -359,7 +359,7 @@ def run_all(
         prepare_middleware()
         use_profile()
         with start_limited(stop):
-            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+            rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
             for make in makers:
                 nodes.append(make())
                 if len(nodes) == 1:

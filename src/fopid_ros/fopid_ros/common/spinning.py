@@ -58,7 +58,7 @@ def start_limited(stop: StopSignal) -> Iterator[None]:
 def log_warnings(tell: Callable[[str], Any]) -> None:
     """Have Python's warnings told by the node's log, each once for its place in the sources."""
 
-    def show(message: Any, category: type[Warning], filename: str, lineno: int, *_: object) -> None:
+    def show(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: Any, **__: Any) -> None:
         tell(f"{category.__name__}: {' '.join(str(message).split())} ({filename}:{lineno})")
 
     warnings.showwarning = show

@@ -11,6 +11,7 @@ from fopid_core.errors import InputError
 from fopid_core.model.fopid import ORDER_RANGE, Fopid
 from fopid_core.runtime.filter_bank import Band
 from fopid_core.runtime.settings import LARGEST, LOWEST, ControllerSettings
+from fopid_ros.common.array_signals import ArraySignal
 from fopid_ros.common.design_parameters import GAINS
 from fopid_ros.common.inputs import is_number
 from fopid_ros.common.managed_node import TIMING
@@ -133,7 +134,7 @@ def signal_types(values: dict[str, Any]) -> dict[str, SignalType]:
     return {name: signal_type(values, name) for name in LOOP_SIGNALS}
 
 
-def controller_settings(values: dict[str, Any], control_type: SignalType) -> ControllerSettings:
+def controller_settings(values: dict[str, Any], control_type: SignalType | ArraySignal) -> ControllerSettings:
     """The core's settings from the node's parameters.
 
     What the control's message can hold limits the control like an actuator.

@@ -91,7 +91,7 @@ class RememberingNode(ManagedNode):
         if Path(directory, name).resolve().parent != Path(directory).resolve():
             response.message = f"gains_file = {name!r} is a link out of directory; allowed: a file in it"
             return response
-        everything = {name: parameter.value for name, parameter in self.get_parameters_by_prefix("").items()}
+        everything = {name: self.get_parameter(name).value for name in self.get_parameters_by_prefix("")}
         for memory in self._memories:
             everything |= memory.lasting(everything)
         later = Later(self.background)

@@ -72,7 +72,8 @@ class Retained:
         gains = {name: values[name] for name in DESIGN}
         when = datetime.now(UTC).isoformat(timespec="seconds")
         basis = {name: values[name] for name in BASIS}
-        return cls(node, gains, *(values[name] for name in PROVENANCE), when, basis)
+        status, origin, certificate = (values[name] for name in PROVENANCE)
+        return cls(node, gains, status, origin, certificate, when, basis)
 
     def no_faster_than(self, given: Retained) -> Retained:
         """The same with the lower of the limits on moves: kept gains may need theirs, a new actuator its own."""
@@ -87,7 +88,8 @@ class Retained:
     @property
     def text(self) -> str:
         """The gains as a formula."""
-        filtered = MeasurementFilter(*(self.gains[name] for name in FILTER))
+        order, time_constant = (self.gains[name] for name in FILTER)
+        filtered = MeasurementFilter(int(order), time_constant)
         return f"{Fopid(*(self.gains[name] for name in GAINS))}{'' if filtered.is_idle else f' behind a {filtered}'}"
 
     def __str__(self) -> str:

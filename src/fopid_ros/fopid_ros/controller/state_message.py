@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fopid_core.runtime.controller import ControllerState
 from fopid_msgs.msg import FopidState
 from fopid_ros.common.cdr import Layout
-from fopid_ros.controller.inputs import LoopInputs
+
+if TYPE_CHECKING:
+    from fopid_ros.controller.inputs import LoopInputs
+    from fopid_ros.controller.joints.joint import Joint
 
 STATE = Layout(FopidState)
 
 
-def fill_signals(message: Any, state: ControllerState, inputs: LoopInputs, now_ns: int, *, known: bool) -> None:
+def fill_signals(message: Any, state: ControllerState, inputs: LoopInputs | Joint, now_ns: int, *, known: bool) -> None:
     """Fill in signals and parts.
 
     Parameters
@@ -22,7 +25,7 @@ def fill_signals(message: Any, state: ControllerState, inputs: LoopInputs, now_n
         With the fields of FopidState: ``STATE.record()``.
     state : ControllerState
         Of the controller's last tick.
-    inputs : LoopInputs
+    inputs : LoopInputs or Joint
     now_ns : int
         On the clock of the ticks.
     known : bool

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -16,6 +16,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
+from fopid_ros.common.array_signals import ArraySignal
 from fopid_ros.common.diagnostics import TickStatistics
 from fopid_ros.common.guard import do_nothing
 from fopid_ros.common.managed_node import loop_qos, take_pending_messages
@@ -38,7 +39,7 @@ class TickingNode(RememberingNode):
     ``open`` calls ``open_ticks`` before anything that needs the time, and sets ``_inputs`` and ``_types``.
     """
 
-    _types: dict[str, SignalType]
+    _types: Mapping[str, SignalType | ArraySignal]
     _inputs: Any
     _control_publisher: Publisher
     _active = False

@@ -78,7 +78,8 @@ class LiveHandler(Guarded, WebSocketHandler):
     async def _feed(self) -> None:
         node: DashboardNode = self.settings["node"]
         await self.answered.wait()
-        place, told, facts_at = Cursor(), {}, -math.inf
+        place, facts_at = Cursor(), -math.inf
+        told: dict[str, Any] = {}
         while True:
             rows, now = node.history.since(place)
             news: dict[str, Any] = {"fresh": now.record != place.record}

@@ -12,7 +12,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -61,7 +60,7 @@ TUNING_TIME = 600.0  # [s] how long a tuning may take; the tuner has its own, sh
 LISTENING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class DashboardNode(GuardedNode, Node):
+class DashboardNode(GuardedNode):
     """Listens to setpoint, measurement, control, the controller's ~/state and the tuner's ~/result.
 
     Attributes

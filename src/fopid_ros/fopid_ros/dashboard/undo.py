@@ -126,8 +126,9 @@ class GainHistory:
         now = self.present
         if now is not None and all(now.design.get(name) == design.get(name) for name in (*LOOP, *WEIGHTS)):
             ended = "kept" if now.status == "trial" and status == "verified" else now.ended
-            told = {"status": status, "origin": origin, "certificate": certificate}
-            self.sets[-1] = replace(now, design=design, ended=ended, **told)  # held back now, or no more
+            self.sets[-1] = replace(  # held back now, or no more
+                now, design=design, ended=ended, status=status, origin=origin, certificate=certificate
+            )
             return
         if now is not None and now.status == "trial":
             self.sets[-1] = replace(now, ended="taken back")

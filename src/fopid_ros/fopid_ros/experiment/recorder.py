@@ -245,9 +245,9 @@ def _contained(type_name: str, definition: str) -> list[str]:
     """Names of the message types among a type's fields."""
     _, fields = get_types_from_msg(definition, type_name)[type_name]
     names = []
-    for _, (kind, detail) in fields:
-        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            kind, detail = detail[0]
-        if kind == Nodetype.NAME:
-            names.append(str(detail))
+    for _, described in fields:
+        kind, detail = described
+        element: Any = detail[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else described
+        if element[0] == Nodetype.NAME:
+            names.append(str(element[1]))
     return names

@@ -7,6 +7,7 @@ import inspect
 import math
 import reprlib
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -54,9 +55,7 @@ class ModelPlant:
         except ValueError:  # an extension's own function does not tell its arguments
             pass
         self._noise = np.random.default_rng(self._settings.seed)
-        known = (
-            self._asked(name, lambda name=name: getattr(self._model, name, None)) for name in ("measurement", "output")
-        )
+        known = (self._asked(name, partial(getattr, self._model, name, None)) for name in ("measurement", "output"))
         begins = [value for value in known if value is not None and not callable(value)]
         self._keep((*begins, self._settings.initial_output)[0])
 

@@ -81,8 +81,8 @@ class PlantSimulator(ManagedNode):
         values = self.values()
         self._plant = _plant(values)
         self._lockstep = values["trigger"] == "lockstep"
-        self._until = values["advance_until"]
-        self._period_ns = round(values["sample_time"] * 1e9)
+        self._until: float = values["advance_until"]
+        self._period_ns: int = round(values["sample_time"] * 1e9)
         self._half_period = 0.5e-9 * self._period_ns
         self._control = self._disturbance = 0.0
         self._pending = PendingValues()
@@ -142,7 +142,7 @@ class PlantSimulator(ManagedNode):
 
     @property
     def _gate_open(self) -> bool:
-        return self._until - self.time > self._half_period
+        return bool(self._until - self.time > self._half_period)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         steady = Clock(clock_type=ClockType.STEADY_TIME)

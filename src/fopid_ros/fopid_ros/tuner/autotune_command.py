@@ -147,7 +147,7 @@ def _accepted(node: Node, sent: Future, under_way: Sequence[GoalStatusArray]) ->
     rclpy.spin_until_future_complete(node, sent, timeout_sec=FOUND_TIME)
     if not sent.done():
         raise InputError(_gone(f"it has not answered within {FOUND_TIME:g} s"))
-    handle = sent.result()
+    handle: ClientGoalHandle = sent.result()
     if handle.accepted:
         return handle
     rclpy.spin_once(node, timeout_sec=STATUS_TIME)

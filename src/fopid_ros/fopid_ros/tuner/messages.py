@@ -166,7 +166,7 @@ def tuning_request(request: Tune.Request, defaults: dict[str, Any]) -> TuningReq
         Naming the field that cannot be used.
     """
     process = process_of(request.process or defaults["process"])
-    bounds = {}
+    bounds: dict[str, Any] = {}
     for name in ("t_max", "s_max"):
         frequency = _given(request, defaults, f"{name}_frequency")
         db = getattr(request, f"{name}_db") or defaults[f"{name}_db"]

@@ -98,7 +98,7 @@ class TunerNode(ManagedNode):
             self, Autotune, "~/autotune", self._on_autotune, self.background,
             goal_callback=self._on_goal, handle_accepted_callback=self._on_accepted, cancel_callback=self._on_cancel,
         )  # fmt: skip
-        self._tap: LoopTap | None = None
+        self._open_tap: LoopTap | None = None
         self._adaptation: Adaptation | None = None
         self._reach = NOT_MOVED  # of what the running gains were learnt by
         self._stage = "idle"
@@ -115,7 +115,7 @@ class TunerNode(ManagedNode):
 
     def open(self, values: dict[str, Any]) -> None:
         self._controller.dof = values["dof"]
-        self._tap = LoopTap(self, values)
+        self._open_tap = LoopTap(self, values)
         self._adaptation, self._reach = None, NOT_MOVED
         self.open_diagnostics()
         self.endpoints.timer(PERIOD, self._adapt, Clock(clock_type=ClockType.STEADY_TIME))
@@ -130,16 +130,23 @@ class TunerNode(ManagedNode):
 
     def _release(self) -> None:
         self._leave_active()
-        if self._tap is not None:
-            self._tap.close()
+        if self._open_tap is not None:
+            self._open_tap.close()
         super()._release()
+
+    @property
+    def _tap(self) -> LoopTap:
+        """The loop's signals, which are heard from configure to cleanup."""
+        if self._open_tap is None:
+            raise RuntimeError("the node is not configured")
+        return self._open_tap
 
     def _leave_active(self) -> None:
         """Work has ended by now; if it did not in time, the loop is at least left alone."""
         self._active = False
         self.cancel_work("the node is not active any more")
-        if self._tap is not None:
-            self._tap.end_injection_now()
+        if self._open_tap is not None:
+            self._open_tap.end_injection_now()
 
     def cancel_work(self, why: str) -> bool:
         told = [jobs.cancel(why) for jobs in (self._jobs, self._reductions, self._plans)]
@@ -153,7 +160,7 @@ class TunerNode(ManagedNode):
         job = self._jobs.current
         state = self._stage if self._stage != "idle" or job is None else job.name
         seen = self._adaptation.message if self._adaptation else ""
-        problems = [(one.level, one.text) for one in self._tap.rivalries()] if self._tap else []
+        problems = [(one.level, one.text) for one in self._open_tap.rivalries()] if self._open_tap else []
         return state, problems, {
             "process": self.get_parameter("process").value or "not known",
             "controller": self._controller.name,
@@ -265,7 +272,7 @@ class TunerNode(ManagedNode):
             sample_time, lag = self._controller.get("sample_time", "derivative_filter_time")
             refused = refusal(wanted, result, sample_time, values)
             certificate, refused = ("", refused) if refused else proof(wanted, result, values)
-            if refused:
+            if refused or result.controller is None:
                 return Applied(False, refused)
             job.go_on()  # a proof takes long
             previous = self._controller.apply(RunningDesign(result.controller, result.filter, weights), "verified",
@@ -312,7 +319,7 @@ class TunerNode(ManagedNode):
         record, template = history.record(since), request.template_name or "all"
         found = checked(record, identify(record, template), template)
         job.go_on()
-        if found.success and request.adopt:
+        if found.success and found.best is not None and request.adopt:
             self._adopt(found.best)
         models = sorted(found.models, key=lambda model: (model is not found.best, -model.fit_pct))
         response.models = [identified_message(model) for model in models]

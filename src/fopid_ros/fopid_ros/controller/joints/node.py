@@ -15,6 +15,7 @@ from rclpy.qos import QoSProfile
 
 from fopid_core.runtime.controller_bank import ControllerBank
 from fopid_msgs.msg import FopidState
+from fopid_ros.common.array_signals import ArraySignal
 from fopid_ros.common.diagnostics import PublisherConflicts, health_problems
 from fopid_ros.common.inputs import is_number
 from fopid_ros.common.managed_node import LOCKSTEP_DEPTH, loop_qos
@@ -59,11 +60,11 @@ class JointsNode(TickingNode):
     """
 
     NAME = "fopid_controller"
-    SPECS = ()
+    _types: dict[str, ArraySignal]
 
     def __init__(self, dof_names: Sequence[str], context: Context | None = None) -> None:
         check_dof_names(dof_names)
-        self.SPECS = joint_specs(dof_names)  # type: ignore[misc]  (those of these joints)
+        self.SPECS = joint_specs(dof_names)
         super().__init__(context=context)
 
     def check(self, values: dict[str, Any]) -> None:

@@ -11,7 +11,7 @@ from fopid_core.errors import InputError
 from fopid_core.runtime.settings import ControllerSettings
 from fopid_ros.common.array_signals import ArraySignal, array_signal
 from fopid_ros.common.design_parameters import DESIGN, PROVENANCE
-from fopid_ros.common.parameters import Spec
+from fopid_ros.common.parameters import Spec, Value
 from fopid_ros.controller.parameters import SIGNALS, SPECS, controller_settings
 from fopid_ros.controller.retained import check_provenance
 
@@ -59,14 +59,11 @@ def joint_parameter(dof: str, name: str) -> str:
 
 def joint_specs(names: Sequence[str]) -> tuple[Spec, ...]:
     """The parameters of a controller of these joints."""
-    signals = [
-        replace(spec, default=default)
-        for signal in SIGNALS
-        for spec, default in zip(
-            (_SINGLE[f"{signal}.{part}"] for part in ("type", "field", "scale", "offset")),
-            (*TRAVELS[signal], 1.0, 0.0), strict=True,
-        )
-    ]  # fmt: skip
+    signals: list[Spec] = []
+    for signal in SIGNALS:
+        kind, field = TRAVELS[signal]
+        defaults: dict[str, Value] = {"type": kind, "field": field, "scale": 1.0, "offset": 0.0}
+        signals += [replace(_SINGLE[f"{signal}.{part}"], default=default) for part, default in defaults.items()]
     of_joints = [
         replace(_SINGLE[name], name=joint_parameter(dof, name)) for dof in names for name in (*OF_A_JOINT, *PROVENANCE)
     ]

@@ -132,17 +132,18 @@ class Adaptation:
         gain_update = GainUpdate(self._tap, self._client, wait, controller, criteria)
         sensor, rate = sensor_of(record, found), control_rate(record, controller.pace.control)
         outcome = gain_update.design(found, sensor, control_rate=rate, record=record)
-        if not outcome.success or outcome.model is None:
+        learnt = outcome.model
+        if not outcome.success or learnt is None:
             return outcome  # what was learnt is not taken over: the next look tries again
         if apply:
             try:
                 figures = _figures(record, controller)
-                outcome = gain_update.apply_and_monitor(outcome, figures, outcome.model.noise, ERROR_FACTOR)
+                outcome = gain_update.apply_and_monitor(outcome, figures, learnt.noise, ERROR_FACTOR)
                 outcome = gain_update.kept(outcome)
             except BaseException:
                 gain_update.roll_back()
                 raise
-        self.set_model(outcome.model)
+        self.set_model(learnt)
         return outcome
 
 

@@ -385,24 +385,27 @@ class Autotuner:
 
     def _others(self, update: GainUpdate, not_borne: list[Outcome]) -> Iterator[tuple[str, Callable[[], Outcome]]]:
         """What else is tried: how it is called, and how it is made; what of it was not borne either is added."""
-        yield "learnt from that as well, others than those", partial(self._learn_anew, not_borne[0].tuning)
-        if math.isfinite(self._rate):
+        yield "learnt from that as well, others than those", partial(self._learn_anew, not_borne[0])
+        if self._learnt and math.isfinite(self._rate):
             yield "for that actuator, others than those", partial(self._designed, update, *self._learnt)
         last, those = not_borne[-1].tuning, "those" if len(not_borne) == 1 else "others than those"
+        if self._learnt is None or last is None:
+            return
         for share in SLOWER:
             slower = partial(self._designed, update, *self._learnt, slower=(last, share))
             yield f"{share:g} times as fast as {those}", slower
 
-    def _learn_anew(self, failed: TuningResult) -> Outcome:
+    def _learn_anew(self, failed: Outcome) -> Outcome:
         """What all that was heard comes to, with what was not borne; nothing where it comes to that again."""
         outcome, swing = self._learn(self._tap.history.whole_since), self._gain_update.not_borne
         if outcome.tuned is None and math.isfinite(swing[0]):  # no process: the swing itself may show it
             self._tap.history.count_as_excitation(*swing)
             outcome = self._learn(self._tap.history.whole_since)
         new = outcome.tuning.controller if outcome.success and outcome.tuning else None
-        if new is None or failed.controller is None or outcome.model is None:
+        old = failed.tuning.controller if failed.tuning else None
+        if new is None or old is None or outcome.model is None:
             return outcome
-        alike = act_alike(new, failed.controller, outcome.model.crossover)
+        alike = act_alike(new, old, outcome.model.crossover)
         return replace(outcome, success=False, message=f"{new} would do the same") if alike else outcome
 
     @property

@@ -361,7 +361,7 @@ class ClosedLoopExperiment:
         """The largest move of the control that is ever made."""
         return min(RANGE_SHARE * self.loop.controller.control_range, ROOM_SHARE * self.loop.room)
 
-    def _settings(self, kind: str, amplitude: float, duration: float) -> ExcitationSettings:
+    def _settings(self, kind: Kind, amplitude: float, duration: float) -> ExcitationSettings:
         loop = self.loop
         hold = max(duration / EXCITATIONS[kind], LEAST_TICKS * loop.controller.sample_time)
         upwards = loop.controller.gains.kp or loop.controller.gains.ki or 1.0

@@ -238,7 +238,8 @@ class GainUpdate:
 
         tell(found.message)
         wanted = replace(self._criteria.tuning, sample_time=self._controller.sample_time)
-        limits, doubt, contradicted = self._criteria.limits, "", no_objection
+        contradicted: Judge = no_objection
+        limits, doubt = self._criteria.limits, ""
         if record is not None and found.best is not None:
             behind = found.behind_actuator(record)
             doubt, contradicted = held_to_record(behind, found.best, limits.ms_max, wanted.sample_time)

@@ -161,7 +161,8 @@ class LoopTap:
             self._prompt = prompt
             by_hand = self._node.taken_by_hand
             (by_hand.discard if prompt else by_hand.add)(self._control)
-            self._node.executor.wake()
+            if self._node.executor is not None:
+                self._node.executor.wake()
 
     def _arrival_ns(self, info: dict[str, int]) -> int:
         """When the transport had the message; a callback may come much later while this process computes."""
@@ -179,7 +180,8 @@ class LoopTap:
         self.history.add(name, at, value)
         if name != "control":
             return
-        tick = Tick(at, *(self.history.newest(signal) for signal in SIGNALS), age)
+        setpoint, measurement, control = (self.history.newest(signal) for signal in SIGNALS)
+        tick = Tick(at, setpoint, measurement, control, age)
         if math.isnan(tick.setpoint + tick.measurement):
             return
         if self._hook is not None and self._prompt:
