@@ -57,6 +57,9 @@ CASES: dict[str, tuple[float, list[tuple[float, Part]], Part, Part, float]] = {
     "(1+exp(-s)*s^0.3)/(s+1)": (0.1, [(0.0, one), (1.0, lambda s: s**0.3)], lambda s: s + 1, none, 1.0),
     "(s^0.5*exp(-2s)+exp(-s))/(s+1)": (0.1, [(2.0, lambda s: s**0.5), (1.0, one)], lambda s: s + 1, none, 1.0),
     "(1+0.3*exp(-0.5s)*s^0.5)/(s+1)": (0.01, [(0.0, one), (0.5, lambda s: 0.3 * s**0.5)], lambda s: s + 1, none, 1.0),
+    "1/(1+0.9*exp(-s))": (0.1, [(0.0, one)], one, lambda _: mpmath.mpf(0.9), 1.0),
+    "1/(1+exp(-2s))*exp(-0.25s)": (0.1, [(0.25, one)], one, one, 2.0),
+    "1/(s+1+0.9*exp(-s)*s)": (0.1, [(0.0, one)], lambda s: s + 1, lambda s: mpmath.mpf(0.9) * s, 1.0),
     "1/(s+1-exp(-0.3s))": (0.1, [(0.0, one)], lambda s: s + 1, lambda _: mpmath.mpf(-1), 0.3),
     "(s+1+exp(-s))/(s+2)": (0.1, [(0.0, lambda s: s + 1), (1.0, one)], lambda s: s + 2, none, 1.0),
 }  # fmt: skip

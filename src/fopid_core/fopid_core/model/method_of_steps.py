@@ -130,8 +130,8 @@ class Steps:
     doubts: Floats
 
     @staticmethod
-    def of(transforms: StepTransforms, horizon: float) -> Steps | None:
-        """Up to the horizon; None for loops of another kind, or where it would take too many elements.
+    def of(transforms: StepTransforms, horizon: float, most: int = MOST_ELEMENTS) -> Steps | None:
+        """Up to the horizon; None for loops of another kind, or where it would take more than ``most`` elements.
 
         Raises
         ------
@@ -142,11 +142,11 @@ class Steps:
             return None
         delay = transforms.longest_delay
         equations = Equations.of(transforms, delay)
-        turns = int(min(horizon / delay * (1.0 + EPSILON), MOST_ELEMENTS)) + 1
+        turns = int(min(horizon / delay * (1.0 + EPSILON), most)) + 1
         if turns > _MANY_TURNS and not equations.d_back:  # the inversion is many times quicker, and exact enough
             return None
         rates = np.linalg.eigvals(equations.a).astype(np.complex128)
-        edges = _edges(rates, equations.echo_rate(turns), delay, MOST_ELEMENTS // turns)
+        edges = _edges(rates, equations.echo_rate(turns), delay, most // turns)
         if edges is None:
             return None
         other = Equations.of(transforms, delay, _PERTURBED)

@@ -14,6 +14,7 @@ from fopid_core.model.delay_free import DelayFree
 from fopid_core.model.delayed import Delayed
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
+from fopid_core.model.method_of_steps import Steps
 from fopid_core.model.process import Process
 from fopid_core.model.quasipolynomial import QuasiPolynomial, Term
 from fopid_core.model.step_transforms import StepTransforms
@@ -30,6 +31,8 @@ _SMOOTH = 1e-8
 """Of the size of a step response: how well the moves of long ago act together, or how little it still moves."""
 _BEFORE = 1e-9
 """Of a sample time."""
+_MOST_ELEMENTS = 100_000
+"""In all echoes together."""
 
 
 class ConvolvedPlant:
@@ -219,7 +222,7 @@ def _answer(process: Process, time: Floats, sample_time: float) -> tuple[Floats,
     """
     process, close = process.without_delay(), _BEFORE * sample_time
     if any(term.delay for term in process.denominator.terms):
-        echoed, seen = Delayed.of(_transforms(process), float(time[-1])), np.maximum(time - close, 0.5 * time[0])
+        echoed, seen = _echoed(process, float(time[-1])), np.maximum(time - close, 0.5 * time[0])
         return -echoed.at(seen)[0], echoed.error_at(seen)[0]
     values, errors = np.zeros((2, time.size))
     for delay, part in _parts(process):
@@ -230,6 +233,23 @@ def _answer(process: Process, time: Floats, sample_time: float) -> tuple[Floats,
             values[late] -= one.at(since)[0]
             errors[late] += one.error_at(since)[0]
     return values, errors
+
+
+def _echoed(process: Process, horizon: float) -> Delayed | Steps:
+    """The response of a process that answers itself after a delay, whose echoes may be as sudden as the step was."""
+    transforms = _transforms(process)
+    try:
+        return Delayed.of(transforms, horizon)
+    except UnboundedResponseError:
+        raise
+    except UnknownResponseError:
+        if process.denominator.degree < 1.0:  # nothing but echoes
+            lag = QuasiPolynomial.of([Term(1.0, 0.0, 1.0), Term(0.0, 0.0, 1.0)])
+            transforms = _transforms(Process(process.numerator * lag, process.denominator * lag))
+        steps = Steps.of(transforms, horizon, _MOST_ELEMENTS)
+        if steps is None:
+            raise
+        return steps
 
 
 def _parts(process: Process) -> list[tuple[float, Process]]:
