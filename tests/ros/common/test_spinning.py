@@ -19,6 +19,27 @@ while True:
 """
 
 
+STRUCK_AT_EACH_LINE = """
+import faulthandler, os, signal, sys
+from fopid_ros.common.spinning import StopSignal
+
+def strike(*_):
+    global left
+    left -= 1
+    if left == 0:
+        os.kill(os.getpid(), signal.SIGTERM)
+    return strike
+
+for lines in range(1, 60):
+    stop, left = StopSignal(), lines
+    sys.settrace(strike)
+    while not stop.wait(0.001):
+        pass
+    sys.settrace(None)
+faulthandler.cancel_dump_traceback_later()
+"""
+
+
 STARTS_FOR_EVER = """
 import time
 from fopid_ros.common import spinning
@@ -26,6 +47,12 @@ from fopid_ros.common.managed_node import run_all
 spinning.START_LIMIT = 1.0
 run_all([lambda: time.sleep(100.0)], [])
 """
+
+
+def test_a_signal_at_any_instant_of_the_wait_ends_it() -> None:
+    """With an event of threading the handler waited for a lock that the thread it had interrupted held."""
+    ended = subprocess.run([sys.executable, "-c", STRUCK_AT_EACH_LINE], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 0, ended.stderr
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from rclpy.experimental.events_executor import EventsExecutor
@@ -27,11 +28,33 @@ CLOCK_WATCH_PERIOD = 0.1  # how often the system clock is looked at, and by how 
 
 
 class StopSignal:
-    """Ctrl-C and termination as an event that threads can wait for; from then on the process's time is limited."""
+    """Ctrl-C and termination, which can be waited for; from then on the process's time is limited.
+
+    An event of ``threading`` will not do: the handler runs in the thread that waits for it, which may just then hold
+    the event's own lock, and would wait for itself.
+    """
 
     def __init__(self) -> None:
-        self.event = threading.Event()
+        self._told: SimpleQueue[None] = SimpleQueue()  # may be put into in the midst of a ``get``
         self.listen()
+
+    @property
+    def is_set(self) -> bool:
+        """Whether it is to stop."""
+        return not self._told.empty()
+
+    def set(self) -> None:
+        """It is to stop; from any thread, and from handlers of signals."""
+        self._told.put(None)
+
+    def wait(self, seconds: float) -> bool:
+        """Whether it is to stop, within this time [s]; for one thread alone."""
+        try:
+            self._told.get(timeout=seconds)
+        except Empty:
+            return False
+        self.set()
+        return True
 
     def listen(self) -> None:
         """Take the signals, also from who took them in between."""
@@ -41,7 +64,7 @@ class StopSignal:
     def _stop(self, *_: object) -> None:
         # A thread of C, which needs no lock of Python's: whatever hangs, and in whatever library, it ends.
         faulthandler.dump_traceback_later(HARD_STOP, exit=True)
-        self.event.set()
+        self.set()
 
 
 @contextmanager
@@ -51,7 +74,7 @@ def start_limited(stop: StopSignal) -> Iterator[None]:
     try:
         yield
     finally:
-        if not stop.event.is_set():  # that has set a limit of its own
+        if not stop.is_set:  # that has set a limit of its own
             faulthandler.cancel_dump_traceback_later()
 
 
@@ -80,11 +103,11 @@ def spin_until(stop: StopSignal, *nodes: Any) -> None:
         except BaseException as error:  # noqa: BLE001  (handed to the main thread below)
             failure.append(error)
         finally:
-            stop.event.set()
+            stop.set()
 
     thread = threading.Thread(target=spin, name="executor", daemon=True)
     thread.start()
-    _wait(stop.event, lambda: [executor.create_task(node.restart_timers) for node in nodes])
+    _wait(stop, lambda: [executor.create_task(node.restart_timers) for node in nodes])
     for node in [node for node in nodes if node.cancel_work("the node is told to stop")]:
         node.finish()
     stopped.set_result(None)
@@ -95,7 +118,7 @@ def spin_until(stop: StopSignal, *nodes: Any) -> None:
         raise failure[0]
 
 
-def _wait(stop: threading.Event, on_time_jump_back: Callable[[], object]) -> None:
+def _wait(stop: StopSignal, on_time_jump_back: Callable[[], object]) -> None:
     """Wait for ``stop``, with an eye on the system clock.
 
     The timers of rclpy's wheels sleep until an instant of the system clock, even those of a steady clock: when it

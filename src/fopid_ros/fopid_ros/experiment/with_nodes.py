@@ -7,7 +7,6 @@ import os
 import signal
 import sys
 import tempfile
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,8 +18,8 @@ from fopid_ros.experiment.child_processes import INTERRUPTS, Children, command, 
 if TYPE_CHECKING:
     from fopid_core.study.experiments.experiment import Experiment
 
-_INTERRUPTED = threading.Event()
-"""Set by an interrupt: what it raises is lost where Python ignores exceptions, as in the callbacks of imports."""
+_INTERRUPTS: list[int] = []
+"""Those that came: what they raise is lost where Python ignores exceptions, as in the callbacks of imports."""
 
 
 def node_parameters(experiment: Experiment) -> dict[str, dict[str, object]]:
@@ -83,7 +82,7 @@ def _watch(children: Children) -> int:
     """
     with interrupts_held():
         while (ended := children.ended()) is None:
-            if _INTERRUPTED.is_set() or signal.sigtimedwait(INTERRUPTS, 0.05) is not None:
+            if _INTERRUPTS or signal.sigtimedwait(INTERRUPTS, 0.05) is not None:
                 raise KeyboardInterrupt
     name, code = ended
     if name != "experiment":
@@ -146,5 +145,5 @@ def _write(experiment: Experiment, folder: Path) -> Path:
 
 
 def _raise_interrupt(number: int, frame: object) -> None:
-    _INTERRUPTED.set()
+    _INTERRUPTS.append(number)
     raise KeyboardInterrupt
