@@ -11,16 +11,18 @@ from fopid_core.design.identification.record import Record
 from fopid_core.design.recorded_tuning import NOISE_SHARE, RECORDED_SHARE, RecordedTuning, tune_recorded
 from fopid_core.design.robust_verification import RobustLimits
 from fopid_core.design.specification import TuningResult
+from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import read_process
 from fopid_core.model.response import step_response
 from fopid_core.model.stability import stability
+from fopid_core.model.two_degrees import NO_FILTER, SetpointWeights
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.plant import Plant, PlantSettings
 from fopid_core.runtime.settings import as_designed
 from fopid_core.runtime.simulation import Trace, simulate
 
-from .identification.recorded import open_loop, step_record
+from .identification.recorded import closed_loop, open_loop, step_record
 
 PROCESS, H, NOISE = "2/(10s+1)*exp(-3s)", 1.0, 0.02
 FEW = RobustLimits(samples=5)
@@ -225,3 +227,27 @@ def test_a_relay_about_a_process_that_runs_away_gives_gains_that_hold_it_or_none
     if design is not None:
         true = Loop(read_process("1/(2s-1)*exp(-0.2s)"), design.controller, filter=design.filter)
         assert stability(true).stable
+
+
+@pytest.mark.slow
+def test_a_lag_that_is_sampled_often_gets_gains_as_fast_as_noise_and_record_allow() -> None:
+    """A loop with the crossover that half a tick of delay allows was looked for: its horizon of 4 s did not see 25 s."""
+    every, ran = 0.1, Fopid(5.0, 0.5)
+    record = closed_loop(
+        "0.06/(25s+1)", lambda t: 0.2 * (10.0 <= t < 70.0) + 0.06 * (t >= 70.0), 1260, every, ran, 0.004
+    )
+    found = tune_recorded(replace(record, control_min=-50.0, control_max=50.0), "time", {"input": "both"}, FEW)
+    assert found.success, found.message
+    assert found.tuned is not None
+    tuning = found.tuned.tuning
+    assert tuning is not None
+    assert tuning.controller is not None
+    left = []
+    for settings in (
+        as_designed(tuning.controller, every, tuning.filter, tuning.weights),
+        as_designed(ran, every, NO_FILTER, SetpointWeights()),
+    ):
+        loaded = Plant(PlantSettings(read_process("0.06/(25s+1)"), every, "exact"))
+        trace = simulate(FopidController(settings), loaded, 1500, lambda _: 0.0, lambda _: 5.0)
+        left.append(float(np.abs(trace.measurement).sum()))
+    assert left[0] < 0.2 * left[1]

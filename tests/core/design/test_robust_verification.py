@@ -25,7 +25,7 @@ from fopid_core.model.process import Process, read_process
 from fopid_core.model.stability import Stability, stability
 from fopid_core.model.two_degrees import NO_FILTER
 
-from .identification.recorded import step_record
+from .identification.recorded import closed_loop, step_record
 
 LIMITS = RobustLimits(samples=20)
 
@@ -52,6 +52,22 @@ def test_every_method_of_tuning_can_be_asked_for(learnt: IdentificationResult, m
     found = tune_robustly(learnt, request, LIMITS)
     assert found.tuning is not None
     assert found.tuning.method == method
+
+
+def test_in_noise_the_models_of_other_templates_count_as_possible_as_well() -> None:
+    """A dead time of 40 s, learnt as one of 70 +- 3 s behind a lag of another order: gains for that, too, were lively."""
+    draw, loads = np.random.default_rng(2), [0.0]
+    for kick in 0.3 * math.sqrt(-math.expm1(-2 * 2.0 / 60.0)) * draw.standard_normal(420):
+        loads.append(math.exp(-2.0 / 60.0) * loads[-1] + kick)
+    noisy = closed_loop(
+        "0.5/(8s+1)*exp(-40s)", lambda t: 1.0 * (280.0 <= t < 560.0) + 0.3 * (t >= 560.0), 420, 2.0, Fopid(0.3, 0.01),
+        0.25, 2, lambda k: loads[k],
+    )  # fmt: skip
+    found = identify(noisy)
+    assert found.best is not None
+    assert found.best.fit_pct < 80.0
+    assert found.best.process.delay > 60.0
+    assert min(process.delay for process in plausible_processes(found, LIMITS, 2.0)) < 45.0
 
 
 @pytest.mark.slow

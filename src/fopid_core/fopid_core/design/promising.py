@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.loop_judge import LoopJudge, loop_of
 from fopid_core.design.loop_worth import LoopWorth
@@ -15,11 +13,10 @@ from fopid_core.design.robust_verification import UNSEEN, as_held, first_request
 from fopid_core.design.specification import TuningRequest, TuningResult
 from fopid_core.design.textbook import NAMES as RULES
 from fopid_core.design.textbook import textbook_loops
-from fopid_core.design.time.proposal import settling_horizon
+from fopid_core.design.time.proposal import quiet_crossover, settling_horizon
 from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError
 from fopid_core.model.loop import Loop
-from fopid_core.model.process import Process
 
 LOAD_WEIGHTED = 10.0
 """Of the load in the search of a time-domain design, whose index is a sum, beside the setpoint's."""
@@ -38,7 +35,6 @@ hide the process's slow end, since a slow filter takes the phase that larger mov
 LARGEST, LARGEST_STEP = 100.0, 10.0
 """Gains searched up to where the record does not show the process's slow end, in units of the process's gain about
 where a controller would work, and of the gain that runs there: friction may hide that end, not so in larger moves."""
-_POINTS, _DECADES = 600, (-7.0, 7.0)
 
 
 @dataclass(frozen=True)
@@ -178,16 +174,6 @@ def _with_noise_bound(request: TuningRequest, judge: LoopJudge) -> TuningRequest
     most = judge.noise_gain_aim * judge.whiter
     if math.isinf(most):
         return request
-    horizon = request.horizon or _horizon(as_held(judge.process, request.sample_time), most)
+    held = as_held(judge.process, request.sample_time)
+    horizon = request.horizon or settling_horizon(held, quiet_crossover(held, most))
     return replace(request, noise_density=request.sample_time, noise_rms_max=most, horizon=horizon)
-
-
-def _horizon(process: Process, noise_gain_max: float) -> float:
-    """The time [s] in which a loop settles whose controller has no more gain than a bound on the noise gain lets it.
-
-    Its crossover is that of the bound itself, and where that does not reach 1, the process's own corner.
-    """
-    w = np.logspace(*_DECADES, _POINTS)
-    gain = np.abs(process(1j * w))
-    falls = (noise_gain_max * gain < 1.0) & (gain < abs(process.steady_state_gain) / math.sqrt(2.0))
-    return settling_horizon(process, float(w[np.argmax(falls)]) if falls.any() else math.inf)

@@ -20,7 +20,14 @@ from fopid_core.design.loop_worth import noise_gain
 from fopid_core.design.recorded_law import beside_what_ran, contradicts_law, made_prompt
 from fopid_core.design.recorded_reach import RecordedReach, recorded_reach
 from fopid_core.design.response_verification import held_to_record, no_objection, runs_away_instead
-from fopid_core.design.robust_verification import UNSEEN, RobustLimits, RobustTuning, as_held, tune_robustly
+from fopid_core.design.robust_verification import (
+    UNSEEN,
+    RobustLimits,
+    RobustTuning,
+    as_held,
+    first_request,
+    tune_robustly,
+)
 from fopid_core.design.setpoint_weights import calmest_weights
 from fopid_core.design.specification import (
     DERIVATIVE_WEIGHT,
@@ -31,6 +38,7 @@ from fopid_core.design.specification import (
 )
 from fopid_core.design.time.objectives import Objective
 from fopid_core.design.time.proposal import settling_horizon
+from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError
 from fopid_core.model.indices import overshoot_pct
 from fopid_core.model.loop import Loop
@@ -280,11 +288,13 @@ def tune_recorded(
             or reach.refusal(tuning.controller, tuning.filter)
         )
 
-    request, tuned = _quiet(identified, request, given, limits, bounds, clock, refused)
-    box = {} if best.structure.runs_away else reach.box(best.process)
-    if box and not tuned.success and method == "time":
-        slower = replace(request, bounds={**box, **request.bounds})
-        request, tuned = _quiet(identified, slower, given, limits, bounds, clock, refused)
+    box = {} if best.structure.runs_away or method != "time" else reach.box(best.process)
+    first = tune(first_request(identified, request)) if box else None
+    if first is not None and reach.refusal(first.controller, first.filter):  # no bound on max |S| makes it slower
+        request, box, first = _within(request, box), {}, None
+    request, tuned = _quiet(identified, request, given, limits, bounds, clock, refused, first)
+    if box and not tuned.success:
+        request, tuned = _quiet(identified, _within(request, box), given, limits, bounds, clock, refused)
     success, told = tuned.success, f"{doubt}; {tuned.message}" if doubt else tuned.message
     if not success and method != "time" and best.structure.runs_away:
         told = f"{told}; a process that runs away is a case for tune time"
@@ -301,6 +311,13 @@ def tune_recorded(
             success, told = False, f"{told}, {allowed}{filters}"
     message = f"{identified.message}; from the record: {bounds.told}; {told}"
     return RecordedTuning(success, message, identified, noise, bounds, request, tuned, taken)
+
+
+def _within(request: TuningRequest, box: Mapping[str, tuple[float, float]]) -> TuningRequest:
+    """The request with ranges of the gains; a derivative of a low order would be a gain that they do not hold."""
+    is_said = request.structure or "mu" in {*request.fixed, *request.bounds}
+    fixed = request.fixed if is_said else {**request.fixed, "mu": 1.0}
+    return replace(request, bounds={**box, **request.bounds}, fixed=fixed)
 
 
 def _cycles(tuning: TuningResult, identified: IdentificationResult) -> str:
@@ -387,10 +404,10 @@ def _with_load(best: IdentifiedModel, given: Mapping[str, Any]) -> dict[str, Any
 
 def _quiet(
     identified: IdentificationResult, request: TuningRequest, given: Mapping[str, Any], limits: RobustLimits,
-    bounds: RecordedBounds, clock: Clock, refuse: Callable[[TuningResult], str],
+    bounds: RecordedBounds, clock: Clock, refuse: Callable[[TuningResult], str], first: TuningResult | None = None,
 ) -> tuple[TuningRequest, RobustTuning]:  # fmt: skip
     """The design, or a quieter one where noise moves the control too far and nobody has said what decides that."""
-    tuned = tune_robustly(identified, request, limits, clock, refuse=refuse)
+    tuned = tune_robustly(identified, request, limits, clock, first, refuse)
     first = tuned.tuning
     if first is None or first.achieved is None or not _is_free(request, given):
         return request, tuned

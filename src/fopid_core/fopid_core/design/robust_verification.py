@@ -25,6 +25,8 @@ from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter
 PLAUSIBLE = 1.5
 """Other templates count as possible while their held-back error is at most so many times the best one's, and their
 residual is as white."""
+ALIKE = 1.1
+"""The same where noise is most of what is measured: there the error of a wrong model is hardly larger."""
 DETUNING = (0.7, 0.5, 0.35, 0.2)
 """Shares of the first crossover that are tried in turn, or of what max |S| of the first design has above 1."""
 UNSEEN = 10.0
@@ -152,13 +154,13 @@ def plausible_processes(identified: IdentificationResult, limits: RobustLimits, 
     best = identified.best
     if best is None:
         raise InputError("identification without a model; allowed: one that succeeded")
-    least = 100.0 - best.fit_pct
+    most = (100.0 - best.fit_pct) * (PLAUSIBLE if best.fit_pct >= LEAST_FIT else ALIKE)
     others = [
         model.process
         for model in identified.models
-        if 100.0 - model.fit_pct <= PLAUSIBLE * least
+        if 100.0 - model.fit_pct <= most
         and (model.whiteness.white or not best.whiteness.white)
-        and model.fit_pct >= LEAST_FIT
+        and (model.fit_pct >= LEAST_FIT or best.fit_pct < LEAST_FIT)
         and model.deviation <= MOST_DEVIATION
         and model.structure.runs_away == best.structure.runs_away
         and (model.structure.runs_away or process_stability(model.process).stable)

@@ -138,7 +138,7 @@ class TimeProblem:
         self.process, self.specification = process, specification
         self.density, self.watch_control, self.watched, self.drawn_in = density, watch_control, watched, drawn_in
         self.bands = bands
-        self.speed = natural_crossover(process, PHASE_MARGIN)
+        self.speed = min(natural_crossover(process, PHASE_MARGIN), specification.fastest)
         steady = process_gain(process)
         self.gain, self._load_step = _gain_at_work(process, steady, self.speed, specification.u_max), 1.0 / abs(steady)
         self.points = points or enough_points(specification.horizon * self.speed)

@@ -32,6 +32,7 @@ MOST_TURNS = 10_000.0
 DELAYS = 12.0
 """Or in delays of the process, if that is longer."""
 
+_POINTS, _DECADES = 600, (-7.0, 7.0)
 _INPUT_WORDS = {"setpoint": "setpoint step", "load": "load step", "both": "setpoint and the load step"}
 
 SETTLED = 0.02
@@ -124,7 +125,8 @@ def time_specification(request: TuningRequest) -> TimeSpecification:
     process = request.process
     held = process.steady_state_gain != 0.0
     require(held, "process", process, "for this method one with a steady-state gain, since no control holds a setpoint")
-    horizon = settling_horizon(process) if request.horizon is None else request.horizon
+    fastest = _fastest(request)
+    horizon = settling_horizon(process, fastest) if request.horizon is None else request.horizon
     require(horizon > process.delay, "horizon", f"{horizon:g} s", f"longer than the delay {process.delay:g} s")
     longest = MOST_TURNS / defaults.natural_crossover(process, defaults.PHASE_MARGIN)
     require(horizon <= longest, "horizon", f"{horizon:g} s", f"up to {longest:.3g} s for so fast a process")
@@ -153,6 +155,7 @@ def time_specification(request: TuningRequest) -> TimeSpecification:
         rate_max=_or_none(request.rate_max),
         load_left_max=_load_left_max(request),
         sampled=request.sampled if request.as_it_runs else None,
+        fastest=fastest,
     )
 
 
@@ -168,6 +171,31 @@ def settling_horizon(process: Process, crossover: float = math.inf) -> float:
     natural = defaults.natural_crossover(process, defaults.PHASE_MARGIN)
     settled = max(TURNS / min(crossover, natural), DELAYS * process.delay)
     return min(settled, MOST_TURNS / natural)
+
+
+def quiet_crossover(process: Process, noise_gain_max: float) -> float:
+    """The crossover [rad/s] of a loop whose controller has no more gain than a bound on the noise gain lets it.
+
+    It is that of the bound itself, and where that does not reach 1, the process's own corner; infinite where the
+    process never falls below it.
+
+    Examples
+    --------
+    >>> round(quiet_crossover(Process.parse("1/(s+1)"), 5.0))  # sqrt(24)
+    5
+    """
+    w = np.logspace(*_DECADES, _POINTS)
+    gain = np.abs(process(1j * w))
+    falls = (noise_gain_max * gain < 1.0) & (gain < abs(process.steady_state_gain) / math.sqrt(2.0))
+    return float(w[np.argmax(falls)]) if falls.any() else math.inf
+
+
+def _fastest(request: TuningRequest) -> float:
+    """About the crossover that the bound on the control from noise allows, where no horizon says what matters."""
+    if request.horizon is not None or not (request.noise_rms_max and request.noise_density):
+        return math.inf
+    level = math.sqrt(request.noise_density / request.sample_time)
+    return quiet_crossover(request.process, request.noise_rms_max / level)
 
 
 def _noise_max(request: TuningRequest, usual: float, two_degrees: bool) -> float:

@@ -53,6 +53,8 @@ class TimeSpecification:
         Bound on what a load has left in the end, see ``load_tail``.
     sampled : Process, optional
         The process without the hold of its control: ``ms_max`` is kept as the loop runs, sampled, as well.
+    fastest : float
+        About the crossover that the bounds let a loop have [rad/s]; infinite where the process alone says how fast.
     """
 
     objective: Objective
@@ -73,6 +75,7 @@ class TimeSpecification:
     rate_max: float = math.inf
     load_left_max: float = math.inf
     sampled: Process | None = None
+    fastest: float = math.inf
 
     @property
     def variables(self) -> tuple[str, ...]:
