@@ -10,6 +10,7 @@ import pytest
 
 from fopid_core.design import robust_verification
 from fopid_core.design.identification.identify import IdentificationResult, identify
+from fopid_core.design.identification.record import Record
 from fopid_core.design.robust_verification import (
     RobustLimits,
     plausible_processes,
@@ -24,6 +25,7 @@ from fopid_core.model.margins import margins
 from fopid_core.model.process import Process, read_process
 from fopid_core.model.stability import Stability, stability
 from fopid_core.model.two_degrees import NO_FILTER
+from fopid_core.runtime.simulation import Signal
 
 from .identification.recorded import closed_loop, step_record
 
@@ -54,20 +56,35 @@ def test_every_method_of_tuning_can_be_asked_for(learnt: IdentificationResult, m
     assert found.tuning.method == method
 
 
+def noisy_days(
+    process: str, setpoint: Signal, samples: int, gains: Fopid, noise: float, load: float, seed: int
+) -> Record:
+    """A loop sampled each 2 s, with a load that forgets within a minute."""
+    draw, loads, keeps = np.random.default_rng(seed), [0.0], math.exp(-2.0 / 60.0)
+    for kick in load * math.sqrt(1.0 - keeps**2) * draw.standard_normal(samples):
+        loads.append(keeps * loads[-1] + kick)
+    return closed_loop(process, setpoint, samples, 2.0, gains, noise, seed, lambda k: loads[k])
+
+
 def test_in_noise_the_models_of_other_templates_count_as_possible_as_well() -> None:
-    """A dead time of 40 s, learnt as one of 70 +- 3 s behind a lag of another order: gains for that, too, were lively."""
-    draw, loads = np.random.default_rng(2), [0.0]
-    for kick in 0.3 * math.sqrt(-math.expm1(-2 * 2.0 / 60.0)) * draw.standard_normal(420):
-        loads.append(math.exp(-2.0 / 60.0) * loads[-1] + kick)
-    noisy = closed_loop(
-        "0.5/(8s+1)*exp(-40s)", lambda t: 1.0 * (280.0 <= t < 560.0) + 0.3 * (t >= 560.0), 420, 2.0, Fopid(0.3, 0.01),
-        0.25, 2, lambda k: loads[k],
-    )  # fmt: skip
-    found = identify(noisy)
+    """A dead time of 40 s, learnt as one of 70 +- 3 s before a lag of another order."""
+    steps = lambda t: 1.0 * (280.0 <= t < 560.0) + 0.3 * (t >= 560.0)  # noqa: E731
+    found = identify(noisy_days("0.5/(8s+1)*exp(-40s)", steps, 420, Fopid(0.3, 0.01), 0.25, 0.3, 2))
     assert found.best is not None
     assert found.best.fit_pct < 80.0
     assert found.best.process.delay > 60.0
     assert min(process.delay for process in plausible_processes(found, LIMITS, 2.0)) < 45.0
+
+
+@pytest.mark.slow
+def test_they_do_so_where_that_noise_was_made_white_for_the_best_of_them_alone() -> None:
+    """A dead time of 54 s, learnt as four lags and 0 to 12 s: gains for that ran away."""
+    steps = lambda t: 3.2 * (670.0 <= t < 2000.0) + 1.0 * (t >= 2000.0)  # noqa: E731
+    found = identify(noisy_days("1.6/(20s+1)*exp(-54s)", steps, 1300, Fopid(0.2, 0.004), 0.3, 0.25, 1))
+    assert found.best is not None
+    assert found.best.in_coloured_noise
+    assert found.best.process.delay < 20.0
+    assert max(process.delay for process in plausible_processes(found, LIMITS, 2.0)) > 45.0
 
 
 @pytest.mark.slow

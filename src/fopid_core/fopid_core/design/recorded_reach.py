@@ -10,6 +10,7 @@ import numpy as np
 from fopid_core.design.identification.frequency_response import frequency_response
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.record import Record
+from fopid_core.design.identification.refusal import LEAST_FIT
 from fopid_core.design.recorded_law import recorded_law
 from fopid_core.design.sampled_loop import sampled_process
 from fopid_core.model.fopid import Fopid
@@ -35,14 +36,18 @@ class RecordedReach:
         Of the process there.
     sample_time : float
         Of the record [s].
+    falls : bool
+        Whether the process is taken for a lag beyond that; else for one whose gain stays: where noise is most of the
+        record, its model has the fall of its template, and a dead time before a short lag none for long.
     """
 
     frequency: float = math.inf
     gain: float = 0.0
     sample_time: float = 1.0
+    falls: bool = True
 
     def refusal(self, controller: Fopid | None, slow: MeasurementFilter) -> str:
-        """Why a controller works too fast: a loop gain above 1 further out, the process taken for a lag there.
+        """Why a controller works too fast: a loop gain above 1 further out.
 
         Examples
         --------
@@ -57,7 +62,8 @@ class RecordedReach:
         if controller is None or self.frequency >= nyquist:
             return ""
         w = np.geomspace(self.frequency, nyquist, _POINTS)
-        if (np.abs(controller(1j * w) * slow(1j * w)) * self.gain * self.frequency / w).max() <= 1.0:
+        gain = self.gain * (self.frequency / w if self.falls else 1.0)
+        if (np.abs(controller(1j * w) * slow(1j * w)) * gain).max() <= 1.0:
             return ""
         said = "far faster than the loop that ran and than what the record shows without a model"
         return f"it works beyond {self.frequency:.3g} rad/s, {said}"
@@ -67,7 +73,7 @@ class RecordedReach:
         if math.isinf(self.frequency):
             return {}
         most, sign = SHARE / self.gain, math.copysign(1.0, process.steady_state_gain)
-        sizes = {"kp": most, "ki": most * self.frequency, "kd": most / self.frequency}
+        sizes = {"kp": most, "ki": most * self.frequency, "kd": most / self.frequency if self.falls else 0.0}
         return {name: (min(0.0, sign * size), max(0.0, sign * size)) for name, size in sizes.items()}
 
 
@@ -94,4 +100,4 @@ def recorded_reach(record: Record, learnt: IdentifiedModel) -> RecordedReach:
     seen = frequency_response(record)
     shown = seen.frequency[seen.known & ~seen.outside(learnt.process)]
     reach = max(FASTER * float(crossed.max(initial=w[0])), float(shown.max(initial=0.0)))
-    return RecordedReach(reach, float(np.interp(reach, w, gain)), h)
+    return RecordedReach(reach, float(np.interp(reach, w, gain)), h, learnt.fit_pct >= LEAST_FIT)

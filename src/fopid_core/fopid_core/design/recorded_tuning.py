@@ -288,13 +288,10 @@ def tune_recorded(
             or reach.refusal(tuning.controller, tuning.filter)
         )
 
-    box = {} if best.structure.runs_away or method != "time" else reach.box(best.process)
-    first = tune(first_request(identified, request)) if box else None
-    if first is not None and reach.refusal(first.controller, first.filter):  # no bound on max |S| makes it slower
-        request, box, first = _within(request, box), {}, None
-    request, tuned = _quiet(identified, request, given, limits, bounds, clock, refused, first)
-    if box and not tuned.success:
-        request, tuned = _quiet(identified, _within(request, box), given, limits, bounds, clock, refused)
+    def design(wanted: TuningRequest, first: TuningResult | None = None) -> tuple[TuningRequest, RobustTuning]:
+        return _quiet(identified, wanted, given, limits, bounds, clock, refused, first)
+
+    request, tuned = _within_reach(identified, request, reach, design)
     success, told = tuned.success, f"{doubt}; {tuned.message}" if doubt else tuned.message
     if not success and method != "time" and best.structure.runs_away:
         told = f"{told}; a process that runs away is a case for tune time"
@@ -313,11 +310,32 @@ def tune_recorded(
     return RecordedTuning(success, message, identified, noise, bounds, request, tuned, taken)
 
 
+def _within_reach(
+    identified: IdentificationResult, request: TuningRequest, reach: RecordedReach,
+    design: Callable[..., tuple[TuningRequest, RobustTuning]],
+) -> tuple[TuningRequest, RobustTuning]:  # fmt: skip
+    """The design, within ranges of its gains where it works faster than the record shows, or comes to nothing."""
+    best = identified.best
+    if request.method != "time" or best is None or best.structure.runs_away:
+        return design(request)
+    box = reach.box(best.process)
+    if not box:
+        return design(request)
+    first = tune(first_request(identified, request))
+    if reach.refusal(first.controller, first.filter):  # no tighter bound on max |S| makes it slower
+        return design(_within(request, box))
+    request, tuned = design(request, first)
+    return (request, tuned) if tuned.success else design(_within(request, box))
+
+
 def _within(request: TuningRequest, box: Mapping[str, tuple[float, float]]) -> TuningRequest:
     """The request with ranges of the gains; a derivative of a low order would be a gain that they do not hold."""
-    is_said = request.structure or "mu" in {*request.fixed, *request.bounds}
-    fixed = request.fixed if is_said else {**request.fixed, "mu": 1.0}
-    return replace(request, bounds={**box, **request.bounds}, fixed=fixed)
+    if request.structure:
+        return replace(request, bounds={**box, **request.bounds})
+    none = {name: 0.0 for name, (low, high) in box.items() if low == high}
+    said, ranges = {*request.fixed, *request.bounds}, {name: range_ for name, range_ in box.items() if name not in none}
+    fixed = {name: value for name, value in {**none, "mu": 1.0}.items() if name not in said}
+    return replace(request, bounds={**ranges, **request.bounds}, fixed={**fixed, **request.fixed})
 
 
 def _cycles(tuning: TuningResult, identified: IdentificationResult) -> str:

@@ -154,13 +154,15 @@ def plausible_processes(identified: IdentificationResult, limits: RobustLimits, 
     best = identified.best
     if best is None:
         raise InputError("identification without a model; allowed: one that succeeded")
-    most = (100.0 - best.fit_pct) * (PLAUSIBLE if best.fit_pct >= LEAST_FIT else ALIKE)
+    noisy = best.fit_pct < LEAST_FIT
+    as_white = best.whiteness.white and not (noisy and best.in_coloured_noise)  # others' noise was not made white
+    most = (100.0 - best.fit_pct) * (ALIKE if noisy else PLAUSIBLE)
     others = [
         model.process
         for model in identified.models
         if 100.0 - model.fit_pct <= most
-        and (model.whiteness.white or not best.whiteness.white)
-        and (model.fit_pct >= LEAST_FIT or best.fit_pct < LEAST_FIT)
+        and (model.whiteness.white or not as_white)
+        and (noisy or model.fit_pct >= LEAST_FIT)
         and model.deviation <= MOST_DEVIATION
         and model.structure.runs_away == best.structure.runs_away
         and (model.structure.runs_away or process_stability(model.process).stable)
