@@ -10,8 +10,8 @@ import numpy as np
 from fopid_core.design.identification.frequency_response import frequency_response
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.record import Record
-from fopid_core.design.identification.refusal import LEAST_FIT
 from fopid_core.design.recorded_law import recorded_law
+from fopid_core.design.robust_verification import NOISY
 from fopid_core.design.sampled_loop import sampled_process
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
@@ -37,7 +37,7 @@ class RecordedReach:
     sample_time : float
         Of the record [s].
     falls : bool
-        Whether the process is taken for a lag beyond that; else for one whose gain stays: where noise is most of the
+        Whether the process is taken for a lag beyond that; else for one whose gain stays: where noise is much of the
         record, its model has the fall of its template, and a dead time before a short lag none for long.
     """
 
@@ -100,4 +100,4 @@ def recorded_reach(record: Record, learnt: IdentifiedModel) -> RecordedReach:
     seen = frequency_response(record)
     shown = seen.frequency[seen.known & ~seen.outside(learnt.process)]
     reach = max(FASTER * float(crossed.max(initial=w[0])), float(shown.max(initial=0.0)))
-    return RecordedReach(reach, float(np.interp(reach, w, gain)), h, learnt.fit_pct >= LEAST_FIT)
+    return RecordedReach(reach, float(np.interp(reach, w, gain)), h, learnt.fit_pct >= NOISY)

@@ -25,8 +25,9 @@ from fopid_core.model.two_degrees import NO_FILTER, MeasurementFilter
 PLAUSIBLE = 1.5
 """Other templates count as possible while their held-back error is at most so many times the best one's, and their
 residual is as white."""
-ALIKE = 1.1
-"""The same where noise is most of what is measured: there the error of a wrong model is hardly larger."""
+NOISY, ALIKE = 90.0, 1.1
+"""Below this fit [%] noise is so much of the record that the error of a wrong model is hardly larger: others count then
+while theirs is at most so many times the best one's."""
 DETUNING = (0.7, 0.5, 0.35, 0.2)
 """Shares of the first crossover that are tried in turn, or of what max |S| of the first design has above 1."""
 UNSEEN = 10.0
@@ -154,21 +155,25 @@ def plausible_processes(identified: IdentificationResult, limits: RobustLimits, 
     best = identified.best
     if best is None:
         raise InputError("identification without a model; allowed: one that succeeded")
-    noisy = best.fit_pct < LEAST_FIT
-    as_white = best.whiteness.white and not (noisy and best.in_coloured_noise)  # others' noise was not made white
-    most = (100.0 - best.fit_pct) * (ALIKE if noisy else PLAUSIBLE)
     others = [
         model.process
         for model in identified.models
-        if 100.0 - model.fit_pct <= most
-        and (model.whiteness.white or not as_white)
-        and (noisy or model.fit_pct >= LEAST_FIT)
+        if _explains_as_much(model, best)
         and model.deviation <= MOST_DEVIATION
         and model.structure.runs_away == best.structure.runs_away
         and (model.structure.runs_away or process_stability(model.process).stable)
     ]
     drawn = best.sample(limits.samples, limits.seed)
     return behind_hold((best.process, *drawn, *others), hold)
+
+
+def _explains_as_much(model: IdentifiedModel, best: IdentifiedModel) -> bool:
+    left, least = 100.0 - model.fit_pct, 100.0 - best.fit_pct
+    as_white = model.whiteness.white or not best.whiteness.white
+    if model.fit_pct >= LEAST_FIT and left <= PLAUSIBLE * least and as_white:
+        return True
+    # where noise has memory, only that of the best was made white
+    return best.fit_pct < NOISY and left <= ALIKE * least and (as_white or best.in_coloured_noise)
 
 
 def behind_hold(processes: Sequence[Process], hold: float) -> tuple[Process, ...]:
