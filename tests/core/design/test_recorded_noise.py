@@ -73,8 +73,7 @@ class NoisyLoop:
         for _ in range(int(60.0 * (self.lag + self.delay + self.slowness) / EVERY)):
             errors.append(abs(1.0 - plant.output))
             plant.step(controller.step(1.0, plant.output))
-        quarter = len(errors) // 4
-        return max(errors) < 5.0 and max(errors[-quarter:]) < 0.5 * max(errors[quarter : 2 * quarter]) + 0.3
+        return max(errors) < 5.0 and max(errors[-len(errors) // 4 :]) < 0.05
 
 
 @pytest.mark.slow

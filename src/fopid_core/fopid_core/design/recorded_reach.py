@@ -11,7 +11,6 @@ from fopid_core.design.identification.frequency_response import frequency_respon
 from fopid_core.design.identification.identified_model import IdentifiedModel
 from fopid_core.design.identification.record import Record
 from fopid_core.design.recorded_law import recorded_law
-from fopid_core.design.robust_verification import NOISY
 from fopid_core.design.sampled_loop import sampled_process
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.process import Process
@@ -21,6 +20,10 @@ FASTER = 5.0
 """A record of a loop answers for its process up to so many times that loop's crossover, and as far as it shows it."""
 SHARE = 0.6
 """Of a loop gain of 1 beyond that each part of a controller may have, when gains are searched for: the parts add up."""
+CLOSE = 95.0
+"""From this fit [%] on a process is taken for a lag where the record does not show it."""
+STAYS = 2.0
+"""Below that its gain is taken to stay, and a loop gain of so much beyond is allowed: no process keeps it for ever."""
 _POINTS = 400
 
 
@@ -37,8 +40,8 @@ class RecordedReach:
     sample_time : float
         Of the record [s].
     falls : bool
-        Whether the process is taken for a lag beyond that; else for one whose gain stays: where noise is much of the
-        record, its model has the fall of its template, and a dead time before a short lag none for long.
+        Whether the process is taken for a lag beyond that; else its gain stays: in noise a model has the fall of its
+        template, and a dead time before a short lag has none for long.
     """
 
     frequency: float = math.inf
@@ -62,19 +65,20 @@ class RecordedReach:
         if controller is None or self.frequency >= nyquist:
             return ""
         w = np.geomspace(self.frequency, nyquist, _POINTS)
-        gain = self.gain * (self.frequency / w if self.falls else 1.0)
+        gain = self.gain * (self.frequency / w if self.falls else 1.0 / STAYS)
         if (np.abs(controller(1j * w) * slow(1j * w)) * gain).max() <= 1.0:
             return ""
         said = "far faster than the loop that ran and than what the record shows without a model"
         return f"it works beyond {self.frequency:.3g} rad/s, {said}"
 
-    def box(self, process: Process) -> dict[str, tuple[float, float]]:
-        """Ranges of the gains in which a search finds few that are refused; none where nothing is."""
+    def boxes(self, process: Process) -> list[dict[str, tuple[float, float]]]:
+        """Ranges of the gains in which a search finds few that are refused, to be tried in turn."""
         if math.isinf(self.frequency):
-            return {}
+            return []
         most, sign = SHARE / self.gain, math.copysign(1.0, process.steady_state_gain)
-        sizes = {"kp": most, "ki": most * self.frequency, "kd": most / self.frequency if self.falls else 0.0}
-        return {name: (min(0.0, sign * size), max(0.0, sign * size)) for name, size in sizes.items()}
+        sizes = {"kp": most, "ki": most * self.frequency, "kd": most / self.frequency}
+        box = {name: (min(0.0, sign * size), max(0.0, sign * size)) for name, size in sizes.items()}
+        return [box] if self.falls else [box, {**box, "kd": (0.0, 0.0)}]
 
 
 def recorded_reach(record: Record, learnt: IdentifiedModel) -> RecordedReach:
@@ -100,4 +104,4 @@ def recorded_reach(record: Record, learnt: IdentifiedModel) -> RecordedReach:
     seen = frequency_response(record)
     shown = seen.frequency[seen.known & ~seen.outside(learnt.process)]
     reach = max(FASTER * float(crossed.max(initial=w[0])), float(shown.max(initial=0.0)))
-    return RecordedReach(reach, float(np.interp(reach, w, gain)), h, learnt.fit_pct >= NOISY)
+    return RecordedReach(reach, float(np.interp(reach, w, gain)), h, learnt.fit_pct >= CLOSE)

@@ -318,14 +318,15 @@ def _within_reach(
     best = identified.best
     if request.method != "time" or best is None or best.structure.runs_away:
         return design(request)
-    box = reach.box(best.process)
-    if not box:
+    boxes = reach.boxes(best.process)
+    if not boxes:
         return design(request)
     first = tune(first_request(identified, request))
-    if reach.refusal(first.controller, first.filter):  # no tighter bound on max |S| makes it slower
-        return design(_within(request, box))
-    request, tuned = design(request, first)
-    return (request, tuned) if tuned.success else design(_within(request, box))
+    too_fast = reach.refusal(first.controller, first.filter)  # no tighter bound on max |S| makes it slower
+    found = design(_within(request, boxes.pop(0))) if too_fast else design(request, first)
+    while boxes and not found[1].success:
+        found = design(_within(request, boxes.pop(0)))
+    return found
 
 
 def _within(request: TuningRequest, box: Mapping[str, tuple[float, float]]) -> TuningRequest:
