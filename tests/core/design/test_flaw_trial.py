@@ -14,7 +14,7 @@ from fopid_core.design.identification.flaws import Flaws
 from fopid_core.model.fopid import Fopid
 from fopid_core.model.loop import Loop
 from fopid_core.model.process import Process
-from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, SetpointWeights
+from fopid_core.model.two_degrees import NO_FILTER, WHOLE_SETPOINT, MeasurementFilter, SetpointWeights
 from fopid_core.runtime.controller import FopidController
 from fopid_core.runtime.settings import UNPACED, Pace, as_designed
 
@@ -177,3 +177,32 @@ def test_a_ramp_excuses_no_further_error() -> None:
     runs, other = (Loop(process, Fopid(kp=4.0, ki=4.0), weights=SetpointWeights(share, 1.0)) for share in (0.5, 0.9))
     trial = FlawTrial(process, Flaws(rate=50.0), TICK, 0.0, runs, ROOM)
     assert "1.1 times the error of what runs is left" in trial.refusal(other, Pace(setpoint=1e5))
+
+
+@pytest.mark.slow
+def test_a_ship_is_asked_to_turn_as_slowly_as_its_rudder_needs() -> None:
+    """It gathers what the rudder did, so no share of what a lag could follow is slow enough; explicit small steps."""
+    ship, tick, rate, room = Process.parse("0.08/(s(40s+1))"), 0.5, 2.1, (-35.0, 35.0)
+    begins, slow = Loop(ship, Fopid(kp=0.5, ki=0.003, kd=5.0)), MeasurementFilter(2, 1.8)
+    lively = Loop(ship, Fopid(kp=4.9, ki=0.0764, kd=54.5), slow, SetpointWeights(1.0, 0.0))
+    trial = FlawTrial(ship, Flaws(rate=rate), tick, 0.02, begins, room)
+    pace = trial.pace(lively)
+    assert trial.refusal(lively, pace) == ""
+    assert "after a setpoint step" in trial.refusal(lively)
+
+    def turned(pace: Pace) -> float:
+        settings = as_designed(lively.controller, tick, slow, lively.weights, pace)
+        controller = FopidController(replace(settings, control_min=room[0], control_max=room[1]))
+        rudder = speed = heading = 0.0
+        seen = []
+        for _ in range(1600):
+            control = controller.step(70.0, heading)
+            for _ in range(20):
+                rudder += min(max(control - rudder, -rate * tick / 20), rate * tick / 20)
+                speed += tick / 20 * (0.08 * rudder - speed) / 40.0
+                heading += tick / 20 * speed
+            seen.append(heading)
+        return float(np.ptp(seen[1200:]))
+
+    assert turned(pace) < 0.5
+    assert turned(UNPACED) > 50.0

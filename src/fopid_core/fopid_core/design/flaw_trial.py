@@ -9,7 +9,7 @@ the actuator can follow.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -46,7 +46,9 @@ CLEAR_OF_NOISE = 3.0
 """A pace below so many standard deviations of the control's moves in mere noise holds the derivative back at rest: then
 the loop is another one than was verified."""
 RAMPS = (1.0, 0.8, 0.6, 0.4, 0.25, 0.15, 0.08)
-"""Of what a slow actuator can follow: shares that the setpoint's ramp is tried with."""
+SLOW_RAMPS = (0.05, 0.03, 0.02)
+"""Of what a slow actuator can follow: shares that the setpoint's ramp is tried with; and where none of them will do,
+as where a process turns only as far as its actuator has been away for long (a ship, by its rudder)."""
 LARGER_LOADS = (2.0, 3.0)
 """So many times that load must be borne where the setpoint alone is held back: a load may set a loop swinging for ever
 that no step of the setpoint does any more."""
@@ -185,7 +187,7 @@ class FlawTrial:
             return UNPACED
         steps, loads = zip(*self._steps, strict=True)
         control = min((load.rate for load in loads), key=lambda rate: self._left(loop, Pace(rate), loads))
-        both = min(self._ramps(control), key=lambda pace: self._left(loop, pace, steps))
+        both = self._best_ramp(control, lambda pace: self._left(loop, pace, steps))
         if not self.refusal(loop, both):
             return both
         ramp = self.ramp(loop)
@@ -196,14 +198,16 @@ class FlawTrial:
         if not self._steps:
             return UNPACED
         steps = [step for step, _ in self._steps if step.gain == 1.0]
-        best = min(self._ramps(math.inf), key=lambda pace: self._beside_now(loop, pace, steps))
+        best = self._best_ramp(math.inf, lambda pace: self._beside_now(loop, pace, steps) / WORSE)
         without = self._beside_now(loop, UNPACED, steps)
         return best if self._beside_now(loop, best, steps) < GAINED * without else UNPACED
 
-    def _ramps(self, control: float) -> list[Pace]:
-        """Paces with ramps of the setpoint that a slow actuator can follow."""
+    def _best_ramp(self, control: float, left: Callable[[Pace], float]) -> Pace:
+        """That pace of the control, with the ramp of the setpoint that leaves least; 1 is what may be left."""
         follows = self._steps[0][0].setpoint * self._flaws.rate / (MOVE_SHARE * (self._room[1] - self._room[0]))
-        return [Pace(control, share * follows) for share in RAMPS]
+        usual, slow = ([Pace(control, share * follows) for share in shares] for shares in (RAMPS, SLOW_RAMPS))
+        best = min(usual, key=left)
+        return best if left(best) <= 1.0 else min((best, *slow), key=left)
 
     def _beside_now(self, loop: Loop, pace: Pace, moves: Sequence[_Move]) -> float:
         """The largest error after moves, beside that of what runs."""

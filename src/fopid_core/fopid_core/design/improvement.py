@@ -11,7 +11,7 @@ from fopid_core.design.flaw_trial import FlawTrial
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.loop_judge import LoopJudge, RunningGains, loop_of
 from fopid_core.design.loop_worth import LoopWorth
-from fopid_core.design.promising import Promise, box_of, name_of, promising_designs
+from fopid_core.design.promising import CLEAR, Promise, box_of, name_of, promising_designs
 from fopid_core.design.robust_verification import (
     RobustLimits,
     RobustTuning,
@@ -245,7 +245,18 @@ class _Trial:
         for one in fit:
             if self.judge.best is not None and self.judge.best[0] <= lost * one.score:
                 return
+            before = len(self.made)
             self.make(one.wanted, one.tuning)
+            if len(self.made) > before and (quieter := self._quieter(one.wanted)):
+                self.make(quieter)
+
+    def _quieter(self, wanted: TuningRequest) -> TuningRequest | None:
+        """For the last design, where its control alone moves too far in noise: cautious ones have quicker filters."""
+        last = self.made[-1].tuned
+        measured = last.tuning.achieved if last.success and last.tuning else None
+        if measured is None or wanted.noise_rms_max is None or self.judge.noise_excess <= 1.0:
+            return None
+        return replace(wanted, noise_rms_max=CLEAR * measured.noise_rms / self.judge.noise_excess)
 
     def make_as_asked(self, request: TuningRequest, first: TuningResult | None) -> None:
         """Make the design that was asked for, with less crossover where noise would move the control too much."""

@@ -11,6 +11,7 @@ from fopid_core.design.defaults import MS_MAX, PHASE_MARGIN, U_MAX, natural_cros
 from fopid_core.design.identification.identified_model import MOST_DEVIATION, IdentifiedModel
 from fopid_core.design.identification.identify import IdentificationResult
 from fopid_core.design.identification.refusal import LEAST_FIT
+from fopid_core.design.sampled_loop import running as loop_as_it_runs
 from fopid_core.design.specification import NUMBERS, Clock, TuningRequest, TuningResult, require
 from fopid_core.design.tuner import tune
 from fopid_core.errors import InputError
@@ -155,19 +156,25 @@ def plausible_processes(identified: IdentificationResult, limits: RobustLimits, 
     best = identified.best
     if best is None:
         raise InputError("identification without a model; allowed: one that succeeded")
-    others = [
+    drawn = best.sample(limits.samples, limits.seed)
+    return behind_hold((best.process, *drawn, *_of_other_templates(identified.models, best)), hold)
+
+
+def _of_other_templates(models: Sequence[IdentifiedModel], best: IdentifiedModel) -> list[Process]:
+    """Those that explain about as much as the best."""
+    return [
         model.process
-        for model in identified.models
+        for model in models
         if _explains_as_much(model, best)
         and model.deviation <= MOST_DEVIATION
         and model.structure.runs_away == best.structure.runs_away
         and (model.structure.runs_away or process_stability(model.process).stable)
     ]
-    drawn = best.sample(limits.samples, limits.seed)
-    return behind_hold((best.process, *drawn, *others), hold)
 
 
 def _explains_as_much(model: IdentifiedModel, best: IdentifiedModel) -> bool:
+    if model.wanders and best.wanders:  # only what is about as likely is kept
+        return True
     left, least = 100.0 - model.fit_pct, 100.0 - best.fit_pct
     as_white = model.whiteness.white or not best.whiteness.white
     if model.fit_pct >= LEAST_FIT and left <= PLAUSIBLE * least and as_white:
@@ -234,6 +241,9 @@ def tune_robustly(
     wished = first_request(identified, request or TuningRequest(identified.best.process))
     possible = plausible_processes(identified, limits, wished.sample_time)
     processes = _held(possible, running)
+    best = identified.best.process
+    templates = _held((best, *_of_other_templates(identified.models, identified.best)), running)
+    others = [process for process in templates if process is not best]
     left_out = len(possible) - len(processes)
     but = f" ({left_out} that the gains that run would not hold left out)" if left_out else ""
     waiting, attempts, failed, held = [wished], 0, wished, None
@@ -248,7 +258,7 @@ def tune_robustly(
             reason = refuse(tuning)
             if not reason:
                 judged = robustness(tuning.controller, processes, limits, tuning.filter)
-                reason = _rings_as_it_runs(tuning, careful.sample_time, limits) if judged.met else ""
+                reason = _rings_as_it_runs(tuning, others, careful.sample_time, limits) if judged.met else ""
                 if judged.met and not reason:
                     waiting = _between(failed, careful) if held is None and attempts > 1 else []
                     message = f"{tuning.message}; {judged}{but}"
@@ -280,11 +290,24 @@ def _between(failed: TuningRequest, held: TuningRequest) -> list[TuningRequest]:
     return [replace(held, ms_max=0.5 * (failed.ms_max + held.ms_max))]
 
 
-def _rings_as_it_runs(tuning: TuningResult, sample_time: float, limits: RobustLimits) -> str:
-    """Why the sampled, held loop is not to be had, which a design in continuous time does not know; or nothing."""
-    if tuning.running is None or tuning.running.ms <= limits.ms_max:
+def _rings_as_it_runs(tuning: TuningResult, others: Sequence[Process], sample_time: float, limits: RobustLimits) -> str:
+    """Why the sampled, held loop is not to be had, which a design in continuous time does not know; or nothing.
+
+    Nor with the process of another template, which may fall less beyond what a record shows.
+    """
+    if tuning.running is None or tuning.controller is None:
         return ""
-    runs = f"as it runs, with ticks of {sample_time:g} s, its Ms is {tuning.running.ms:.3g}"
+    each = [tuning.running]
+    each += [
+        loop_as_it_runs(other, tuning.controller, sample_time, tuning.filter, with_margins=False) for other in others
+    ]
+    if any(loop.stable is False for loop in each):
+        told = "it is unstable"
+    elif (worst := max((loop.ms for loop in each if not math.isnan(loop.ms)), default=0.0)) > limits.ms_max:
+        told = f"its Ms is {worst:.3g}"
+    else:
+        return ""
+    runs = f"as it runs, with ticks of {sample_time:g} s, {told}"
     return f"{runs}; allowed: {limits.ms_max:g} at most; a shorter sample time helps"
 
 

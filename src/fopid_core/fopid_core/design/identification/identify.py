@@ -29,7 +29,10 @@ from fopid_core.design.identification.refusal import (
 from fopid_core.design.identification.response import InitialCondition
 from fopid_core.design.identification.runaway import response_to
 from fopid_core.design.identification.sensor_faults import as_told, compressed, sound
-from fopid_core.design.identification.wandering_load import slow_beside_wandering_loads
+from fopid_core.design.identification.wandering_load import (
+    others_beside_wandering_loads,
+    slow_beside_wandering_loads,
+)
 from fopid_core.design.specification import Clock
 from fopid_core.model.arrays import Floats
 
@@ -224,7 +227,8 @@ def _slow_beside_wandering_loads(
     begun, slow = time.perf_counter(), slow_beside_wandering_loads(record, best)
     if slow is None or refusal_of(record, slow, 0.0):
         return None
-    found = Found((*learnt.models, slow), slow, "").began(offset)
+    others = [model for model in learnt.models if not model.wanders]
+    found = Found((*others, slow, *others_beside_wandering_loads(slow)), slow, "").began(offset)
     told = _told(found.best) + _late(record)
     return IdentificationResult(True, told, found.models, found.best, time.perf_counter() - begun)
 

@@ -35,7 +35,7 @@ from fopid_core.design.identification.structure import (
     Structure,
     structure_of,
 )
-from fopid_core.design.identification.wandering_load import beside_wandering_loads
+from fopid_core.design.identification.wandering_load import beside_wandering_loads, others_beside_wandering_loads
 from fopid_core.model.stability import process_stability
 
 SIMPLER = 1.01
@@ -171,7 +171,7 @@ class Search:
         refusal = refusal_of(record, best, self.noise) or refusal_beside_the_setpoint(record, best)
         if refusal and not found.refusal:
             return found
-        return Found((*found.models, best), best, refusal)
+        return Found((*found.models, best, *others_beside_wandering_loads(best)), best, refusal)
 
     def _behind_dead_band(self, record: Record, best: IdentifiedModel) -> Found | None:
         """The same behind the dead band that a record speaks for; None where it speaks for none, or that is no use.

@@ -12,6 +12,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from fopid_core.design.identification.coloured_noise import LONG_ORDER, WhitenedResponse, behind, fit_in_turns, whitener
 from fopid_core.design.identification.dead_band import HAS_PLAY, STICKS
@@ -19,11 +20,12 @@ from fopid_core.design.identification.excitation import ANSWERS, missed_in_surpr
 from fopid_core.design.identification.fit import Fit, fit
 from fopid_core.design.identification.flaws import Flaws, slewed
 from fopid_core.design.identification.identified_model import IdentifiedModel, judged
-from fopid_core.design.identification.initial_estimates import scan
+from fopid_core.design.identification.initial_estimates import initial_parameters, scan
 from fopid_core.design.identification.rate_limit import NEARER, POSSIBLE, PROOF, RATES, SHORTER, SPEAKS
 from fopid_core.design.identification.record import Record
 from fopid_core.design.identification.response import InitialCondition, RecordResponse
-from fopid_core.design.identification.structure import structure_of
+from fopid_core.design.identification.sampling import RARE
+from fopid_core.design.identification.structure import Structure, structure_of
 from fopid_core.model.arrays import Floats
 
 MOST_SAMPLES = 1 << 15
@@ -31,7 +33,8 @@ MOST_SAMPLES = 1 << 15
 CAUTION = 1.4
 """Standard deviations are so many times what the surprises say, since the autoregression is learnt with the process:
 the root mean square error of 30 random days over the deviation without it."""
-_STRUCTURE = "soptd"
+_STRUCTURE, _OTHERS = structure_of("soptd"), ("foptd", "nioptd1", "rational:2/1")
+"""Of the process, and those that are looked at beside it."""
 _LOOK = 1024
 """Blocks of samples of a first look."""
 _STARTS, _MOST_ROUNDS, _EVALUATIONS = 5, 25, 6
@@ -135,6 +138,28 @@ def slow_beside_wandering_loads(record: Record, learnt: IdentifiedModel) -> Iden
     return _model(even, *found, Flaws(rate=slowest), learnt.offset)
 
 
+def others_beside_wandering_loads(learnt: IdentifiedModel) -> tuple[IdentifiedModel, ...]:
+    """Models of other structures that a record beside wandering loads bears about as well as the learnt one.
+
+    Two lags may stand for one lag and a longer delay, and fall faster beyond what the record shows.
+
+    Parameters
+    ----------
+    learnt : IdentifiedModel
+        Beside loads that wander.
+    """
+    record, plain, white = learnt.fitted.response.record, learnt.fitted, learnt.white
+    rare = chdtri(white.x.size, RARE)
+    found = []
+    for structure in map(structure_of, _OTHERS):
+        begins = initial_parameters(structure, plain, [])
+        looks = [_behind_filter(white, record, x, _LOOKS, structure) for x in begins]
+        other = _turns(record, min(looks, key=_by_error).x, _whitening(white), structure)
+        if _likelier(other[1], white) <= rare:
+            found.append(_model(record, *other, learnt.flaws, learnt.offset))
+    return tuple(found)
+
+
 def _model(even: Record, plain: Fit, white: Fit, flaws: Flaws, offset: float) -> IdentifiedModel:
     model = judged(plain, white, 0.0, even.span, CAUTION)
     assert even.instrument is not None
@@ -147,10 +172,10 @@ def _by_error(found: Fit) -> float:
     return found.error
 
 
-def _behind_filter(white: Fit, seen: Record, x: Floats, evaluations: int) -> Fit:
-    """The process fitted anew to what an actuator makes of the control, behind the filter that there is."""
+def _behind_filter(white: Fit, seen: Record, x: Floats, evaluations: int, structure: Structure | None = None) -> Fit:
+    """A process fitted anew to what an actuator makes of the control, behind the filter that there is."""
     response = white.response
-    filtered = WhitenedResponse(seen, response.structure, response.start, _whitening(white), MOST_SAMPLES)
+    filtered = WhitenedResponse(seen, structure or response.structure, response.start, _whitening(white), MOST_SAMPLES)
     return fit(filtered, x, white.rows, evaluations)
 
 
@@ -164,9 +189,9 @@ def _likelier(before: Fit, after: Fit) -> float:
     return 2.0 * after.residual.size * math.log(max(before.error, 1e-300) / max(after.error, 1e-300))
 
 
-def _turns(record: Record, x: Floats, whitening: Floats) -> tuple[Fit, Fit]:
+def _turns(record: Record, x: Floats, whitening: Floats, structure: Structure = _STRUCTURE) -> tuple[Fit, Fit]:
     start = InitialCondition(float(record.control[0]), step=True)
-    response = RecordResponse(record, structure_of(_STRUCTURE), start, MOST_SAMPLES)
+    response = RecordResponse(record, structure, start, MOST_SAMPLES)
     rows = np.ones(record.time.size, dtype=bool)
     return fit_in_turns(WhitenedResponse, response, x, whitening, rows, _MOST_ROUNDS, _EVALUATIONS)
 
@@ -205,7 +230,7 @@ def _first_looks(record: Record, whitening: Floats) -> list[Floats]:
     )
     left = Record(record.time[whitening.size - 1 :], control, measurement)
     start = InitialCondition(0.0)
-    return scan(RecordResponse(left, structure_of(_STRUCTURE), start, _LOOK)).best_of_each_delay(start)[:_STARTS]
+    return scan(RecordResponse(left, _STRUCTURE, start, _LOOK)).best_of_each_delay(start)[:_STARTS]
 
 
 def _of_interest(record: Record) -> Record:
