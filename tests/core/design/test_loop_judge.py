@@ -17,6 +17,7 @@ from fopid_core.design.loop_judge import (
     ALIKE,
     BEHIND,
     HARDLY_MOVES,
+    NEARLY,
     PLAIN,
     LoopJudge,
     RunningGains,
@@ -50,6 +51,21 @@ def judge(alone: LoopJudge) -> LoopJudge:
     judge = copy.copy(alone)
     judge.note_textbook(RULE)
     return judge
+
+
+@pytest.mark.parametrize(("times", "earlier", "expected"), [
+    (0.9 * NEARLY, np.inf, 4.0), (1.1 * NEARLY, np.inf, 50.0), (3.0 * NEARLY, 1e3, 4.0),
+])  # fmt: skip
+def test_a_rule_that_noise_forbids_is_no_measure_of_movement_where_an_allowed_one_is_nearly_as_good(
+    alone: LoopJudge, times: float, earlier: float, expected: float
+) -> None:
+    """In a further round in any case; what is aimed at of the load is the best rule's all the same."""
+    judge = copy.copy(alone)
+    judge.running = replace(judge.running, noise_gain_aim=earlier)
+    judge.note_textbook(replace(RULE, load=0.1, noise_gain=50.0))
+    judge.note_textbook(replace(RULE, load=0.1 * times, noise_gain=4.0))
+    assert judge.noise_gain_aim == pytest.approx(min(AHEAD_IN_NOISE * expected, judge.noise_gain_max))
+    assert judge.load_aim == pytest.approx(AHEAD * 0.1)
 
 
 def test_a_second_round_aims_at_no_more_movement_than_the_first(judge: LoopJudge) -> None:

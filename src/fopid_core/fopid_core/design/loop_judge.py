@@ -42,6 +42,8 @@ BEATEN = 1.1
 ALIKE = 1.2
 """Rules that leave up to so many times the least error after a load on the learnt process may leave the least on the
 plant."""
+NEARLY = 1.5
+"""A rule that noise forbids is no measure of movement where an allowed one leaves up to so many times its error."""
 BEHIND = 0.9
 """Where no design reaches that share: of what is aimed at then the best of them leaves so much, and little is given for
 quiet."""
@@ -194,8 +196,19 @@ class LoopJudge:
             return max(min(before, hardly), self._quietest)
         if self.textbook is None or math.isinf(self.noise_gain_max):
             return max(before, self._quietest)
-        quietest = min(rule.noise_gain for rule in self._rules if rule.load <= ALIKE * self.textbook.load)
+        most = ALIKE * self._to_be_met(self.textbook).load
+        quietest = min(rule.noise_gain for rule in self._rules if rule.load <= most)
         return max(min(max(self._ahead_in_noise * quietest, hardly), before), self._quietest)
+
+    def _to_be_met(self, least: LoopWorth) -> LoopWorth:
+        """The rule whose movement says what is aimed at: not the least one where that moves more than is allowed.
+
+        Then it is the best of those allowed, if that is nearly as good; in a further round in any case.
+        """
+        allowed = [rule for rule in self._rules if rule.noise_gain <= self.noise_gain_max]
+        best = min(allowed, key=lambda rule: rule.load, default=least)
+        is_first = math.isinf(self.running.noise_gain_aim)
+        return least if is_first and best.load > NEARLY * least.load else best
 
     @property
     def load_scale(self) -> float:
