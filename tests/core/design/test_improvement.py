@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fopid_core.design.identification.flaws import Flaws
+from fopid_core.design.identification.friction import Friction
 from fopid_core.design.identification.identify import IdentificationResult, identify
 from fopid_core.design.identification.record import Record
 from fopid_core.design.improvement import LOST, _Trial, improve
@@ -52,6 +54,21 @@ def test_weak_gains_are_beaten(learnt: IdentificationResult) -> None:
     found = improve(learnt, request(learnt), LIMITS, RunningGains(WEAK), compare=False)
     assert found.success, found.message
     assert "before IAE" in found.message
+
+
+def test_gains_that_only_friction_holds_give_way(learnt: IdentificationResult) -> None:
+    """Their max |S| is 2.96 without it; SIMC's leave more after a load of 2 times the friction, but not twice that."""
+    assert learnt.best is not None
+    rubs = replace(learnt.best, flaws=Flaws(friction=Friction(0.1, 1e-3, 1.0, 1.0)))
+    by_rule = TuningRequest(rubs.process, "rule", rule="simc-pi", sample_time=0.05)
+    runs = RunningGains(Fopid(36.0, 200.0))
+    kept, given_up = (
+        improve(replace(learnt, best=rubs), by_rule, replace(LIMITS, ms_max=most), runs, compare=False)
+        for most in (20.0, 2.2)
+    )
+    assert "dry friction of 0.1: after a load of 2 times that" in kept.message
+    assert given_up.success, given_up.message
+    assert "too near to instability to be kept" in given_up.message
 
 
 @pytest.mark.slow

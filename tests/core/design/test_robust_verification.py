@@ -200,6 +200,19 @@ def test_a_design_that_rings_as_it_runs_gives_way_to_a_slower_one() -> None:
     assert found.tuning.running.ms < 2.2, "the first design's is 4.69"
 
 
+def test_a_design_that_is_not_known_to_hold_another_template_as_it_runs_is_refused(
+    learnt: IdentificationResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that answers at once, of which the sampled loop is not known."""
+    assert tune_robustly(learnt, limits=LIMITS).success
+    at_once = Process.parse("(0.01s+1)/(s+1)")
+    monkeypatch.setattr(robust_verification, "_of_other_templates", lambda *_: [at_once])
+    found = tune_robustly(learnt, limits=LIMITS)
+    assert not found.success
+    assert "as it runs, with ticks of" in found.message
+    assert "not known: the process answers the control at once" in found.message
+
+
 def test_the_hold_of_the_control_counts_once() -> None:
     """SIMC's PI for a lag, with half a tick as its delay, takes all that is left away at each tick: S = 1 - 1/z."""
     learnt = identify(step_record("2/(10s+1)", 100.0, 1.0, noise=0.001), "foptd")

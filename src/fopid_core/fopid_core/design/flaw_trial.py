@@ -95,6 +95,9 @@ class FlawTrial:
         That of the controller.
     large_only : bool
         Whether steps as small as a dead band or friction are left out.
+    to_be_kept : bool
+        Whether what runs may go on running. What is too near to instability where nothing sticks leaves little of a
+        small load, and swings after every larger move: what takes its place may leave twice that.
 
     Examples
     --------
@@ -120,8 +123,9 @@ class FlawTrial:
     def __init__(
         self, process: Process, flaws: Flaws, sample_time: float, noise: float, running: Loop,
         room: tuple[float, float] = UNLIMITED, pace: Pace = UNPACED, antiwindup: AntiWindup = "back_calculation",
-        large_only: bool = False,
+        large_only: bool = False, to_be_kept: bool = True,
     ) -> None:  # fmt: skip
+        self._most_left = WORSE if to_be_kept else MOST_LEFT
         self._process, self._flaws, self._sample_time, self._room = process, flaws, sample_time, room
         self._ticks, self._pace, self._antiwindup = _ticks_until_rest(running, sample_time), pace, antiwindup
         self._level = noise
@@ -144,7 +148,7 @@ class FlawTrial:
             error = self._error(loop, move, pace)
             if math.isinf(error):
                 return f"{self._flaws}: after {move.told} the loop runs away"
-            if error > _allowed(move) * before:
+            if error > self._allowed(move) * before:
                 return f"{self._flaws}: after {move.told} {error / before:.2g} times the error of what runs is left"
         return ""
 
@@ -215,7 +219,7 @@ class FlawTrial:
 
     def _left(self, loop: Loop, pace: Pace, moves: Sequence[_Move]) -> float:
         """Error after moves, beside what may be left, where it is largest."""
-        return max(self._error(loop, move, pace) / (_allowed(move) * self._before[move]) for move in moves)
+        return max(self._error(loop, move, pace) / (self._allowed(move) * self._before[move]) for move in moves)
 
     def _small_loads(self) -> list[_Move]:
         friction = self._flaws.friction
@@ -270,10 +274,9 @@ class FlawTrial:
                 return math.inf
         return total
 
-
-def _allowed(move: _Move) -> float:
-    """The largest ratio of a design's error to that of the gains that run."""
-    return MOST_LEFT if move.gain > 1.0 else WORSE
+    def _allowed(self, move: _Move) -> float:
+        """The largest ratio of a design's error to that of the gains that run."""
+        return MOST_LEFT if move.gain > 1.0 else self._most_left
 
 
 def _ticks_until_rest(loop: Loop, sample_time: float) -> int:

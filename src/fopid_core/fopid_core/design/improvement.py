@@ -196,7 +196,7 @@ def _flaw_trial(identified: IdentificationResult, judge: LoopJudge) -> FlawTrial
     running, process = judge.running, identified.best.process
     return FlawTrial(
         process, identified.flaws, judge.sample_time, running.noise, judge.runs, running.control_room, running.pace,
-        running.antiwindup,
+        running.antiwindup, to_be_kept=not judge.runs_near_instability,
     )  # fmt: skip
 
 

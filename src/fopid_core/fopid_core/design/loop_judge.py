@@ -228,12 +228,17 @@ class LoopJudge:
             return too_fast
         return self.not_better(new)
 
+    @property
+    def runs_near_instability(self) -> bool:
+        """Whether the gains that run are beyond the limit on max |S|: what takes their place need not beat them."""
+        return self.worth(self.runs).ms > self._ms_max
+
     def not_better(self, new: LoopWorth) -> str:
         """Why what a design is worth is no more than what runs is, its movement in noise included."""
         old = self.worth(self.runs)
         if math.isinf(old.setpoint):
             return "" if math.isfinite(new.setpoint) else "its responses are not known"
-        if old.ms > self._ms_max:  # what runs is not to be kept, however fast it is
+        if self.runs_near_instability:  # it is not to be kept, however fast it is
             return ""
         if new.setpoint > WORSE * old.setpoint or new.load > WORSE * old.load or self.errors(new) > BETTER:
             return f"not better than what runs on the learnt process: {new}; now {old}"
@@ -302,7 +307,7 @@ class LoopJudge:
     def told(self, tuned: RobustTuning, name: str, why: str = "") -> str:
         """What the new gains are worth beside the old ones, and why it is these."""
         new, old = self._pair(tuned)
-        near = f", too near to instability to be kept ({self._ms_max:g} is allowed)" if old.ms > self._ms_max else ""
+        near = f", too near to instability to be kept ({self._ms_max:g} is allowed)" * self.runs_near_instability
         return f"{name} was best{f' ({why})' if why else ''}: {new}; before {old}{near}"
 
     def _pair(self, tuned: RobustTuning) -> tuple[LoopWorth, LoopWorth]:

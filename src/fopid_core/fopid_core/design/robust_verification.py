@@ -293,7 +293,8 @@ def _between(failed: TuningRequest, held: TuningRequest) -> list[TuningRequest]:
 def _rings_as_it_runs(tuning: TuningResult, others: Sequence[Process], sample_time: float, limits: RobustLimits) -> str:
     """Why the sampled, held loop is not to be had, which a design in continuous time does not know; or nothing.
 
-    Nor with the process of another template, which may fall less beyond what a record shows.
+    Nor with the process of another template, which may fall less beyond what a record shows. A loop that is not known
+    to be stable there is not to be had either.
     """
     if tuning.running is None or tuning.controller is None:
         return ""
@@ -301,8 +302,11 @@ def _rings_as_it_runs(tuning: TuningResult, others: Sequence[Process], sample_ti
     each += [
         loop_as_it_runs(other, tuning.controller, sample_time, tuning.filter, with_margins=False) for other in others
     ]
+    unknown = next((loop.reason for loop in each[1:] if loop.stable is None), "")
     if any(loop.stable is False for loop in each):
         told = "it is unstable"
+    elif unknown:
+        told = f"on a model that explains about as much its stability is {unknown}"
     elif (worst := max((loop.ms for loop in each if not math.isnan(loop.ms)), default=0.0)) > limits.ms_max:
         told = f"its Ms is {worst:.3g}"
     else:

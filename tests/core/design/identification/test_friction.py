@@ -104,3 +104,14 @@ def test_gains_that_make_a_body_with_friction_hunt_are_refused() -> None:
     assert "the process moves against a dry friction of 0.02: after a load of" in trial.refusal(
         Loop(process, Fopid(kp=0.2, ki=1.3, kd=0.02))
     )
+
+
+def test_what_takes_the_place_of_gains_near_instability_may_leave_up_to_twice_their_error() -> None:
+    """Those of a motor's position, which only its dry friction holds: max |S| is 4.8 without it."""
+    motor, flaws = Process.parse("1/(0.00047s^2+0.028s)"), Flaws(friction=Friction(0.058, 0.00047, 0.028, 0.0))
+    near = Loop(motor, Fopid(kp=9.9, ki=182.0))
+    calm, slow = (Loop(motor, gains) for gains in (Fopid(kp=5.0, ki=120.0, kd=0.05), Fopid(kp=1.6, ki=22.0)))
+    kept, not_kept = (FlawTrial(motor, flaws, 0.002, 0.0, near, to_be_kept=kept) for kept in (True, False))
+    assert "times the error of what runs" in kept.refusal(calm)
+    assert not_kept.refusal(calm) == ""
+    assert "times the error of what runs" in not_kept.refusal(slow)
