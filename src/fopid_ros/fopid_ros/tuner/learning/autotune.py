@@ -7,18 +7,17 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
-from fopid_core.design.flaw_trial import FlawTrial
 from fopid_core.design.identification.flaws import Flaws
 from fopid_core.design.identification.identify import IdentificationResult, behind_slow_actuator, identify
 from fopid_core.design.identification.noise import hidden_by_steps
 from fopid_core.design.identification.record import FEWEST_SAMPLES, Record
 from fopid_core.design.identification.sensor_faults import as_told, without_dropouts
+from fopid_core.design.proof_verification import near_instability
 from fopid_core.design.response_verification import bears_out, contradicts_rest, doubt_of
 from fopid_core.design.slower import act_alike
 from fopid_core.design.specification import TuningResult
 from fopid_core.design.sufficiency import Sufficiency
 from fopid_core.errors import InputError
-from fopid_core.model.loop import Loop
 from fopid_core.runtime.performance_monitor import LoopPerformance
 from fopid_core.runtime.settings import Pace
 from fopid_ros.tuner.controller_client import ControllerClient
@@ -32,6 +31,7 @@ from fopid_ros.tuner.learning.gain_update import (
     counting_as_none,
     response_time,
 )
+from fopid_ros.tuner.learning.large_moves import needed_pace
 from fopid_ros.tuner.learning.loop_baseline import LoopBaseline, quieter
 from fopid_ros.tuner.learning.loop_tap import LoopTap, Tick
 from fopid_ros.tuner.learning.loop_wait import LoopWait, OpenLoopError, Stage
@@ -96,6 +96,7 @@ class Autotuner:
         self._tap, self._client, self._request, self._wait = tap, client, request, wait
         self._updates: list[GainUpdate] = []
         self._learnt: tuple[IdentificationResult, Record] | None = None
+        self._shown: list[tuple[IdentificationResult, Record]] = []
         self._smaller: list[Record] = []
         self._second_began = math.nan
         self._take_for(read_running_controller(client), before)
@@ -266,7 +267,8 @@ class Autotuner:
             asked, reach = self._request.experiment, self._experiment.reach
             proof = Proof(self._tap, self._wait, running, asked, reach, self._rest)
             proof.measure(borne, announced=False)
-            against = proof.prove(response_time(outcome))
+            moved_from = self._tap.history.newest_time("control")
+            against = proof.prove(response_time(outcome)) or self._near_instability(outcome, moved_from)
             if not against:
                 pace, against = self._borne_in_large_moves(outcome, running, proof)
         except RestlessError as error:
@@ -276,6 +278,27 @@ class Autotuner:
         if against:
             return self._taken_back(outcome, update, against)
         return outcome if pace is None else self._held(outcome, update, proof, pace)
+
+    def _near_instability(self, outcome: Outcome, moved_from: float) -> str:
+        """What speaks against new gains in what the loop showed as it was moved with them, and in all that was heard.
+
+        Small moves may have hidden what these show, friction above all.
+        """
+        tuning, history, most = outcome.tuning, self._tap.history, self._request.criteria.limits.ms_max
+        if tuning is None or tuning.controller is None or history.ticks_since(moved_from) < FEWEST_SAMPLES:
+            return ""
+        self._wait.report(Stage("watching", 0.95, message="what did it show as it was moved?"))
+        self._shown.clear()
+
+        def learnt(since: float) -> IdentificationResult:
+            self._shown.append(self._identified(since))
+            return self._shown[-1][0]
+
+        gains, as_moved, tick = (tuning.controller, tuning.filter), learnt(moved_from), self._controller.sample_time
+        against = near_instability(*gains, as_moved, lambda: learnt(history.whole_since), tick, most)
+        if not against:
+            self._shown.clear()
+        return against
 
     def _held(self, outcome: Outcome, update: GainUpdate, proof: Proof, pace: Pace) -> Outcome:
         """Hold the controller to a pace, and move the loop with it; those from before come back if it swings on."""
@@ -313,33 +336,16 @@ class Autotuner:
         return pace, against
 
     def _in_large_moves(self, outcome: Outcome, running: LoopBaseline) -> tuple[Pace | None, str]:
-        """What speaks against new gains where the actuator is as slow as all that was heard leaves possible.
-
-        Where something does, the pace comes first that the controller has to be held to, and what speaks against them
-        even then, if anything; where nothing does, a ramp of the setpoint that is far better than none.
-        """
-        now, rest = self._rest.controller, self._rest
-        tuning = outcome.tuning
-        if self._learnt is None or tuning is None or tuning.controller is None or not math.isfinite(now.control_range):
+        """As `needed_pace`, where the actuator is as slow as all that was heard leaves possible."""
+        rest, tuning = self._rest, outcome.tuning
+        if self._learnt is None or tuning is None or not math.isfinite(rest.controller.control_range):
             return None, ""
         record = self._heard(self._tap.history.whole_since)
         slow = behind_slow_actuator(record, self._learnt[0], self._request.template, rest.unrest, possible=True)
-        if slow is None or slow.best is None:
+        if slow is None:
             return None, ""
         self._learnt = slow, record
-        process = slow.best.process
-        before = Loop(process, now.gains, filter=now.filter, weights=now.weights)
-        room = now.room(rest.control)
-        trial = FlawTrial(
-            process, slow.flaws, now.sample_time, rest.noise, before, room, now.pace, now.antiwindup, large_only=True
-        )
-        new = Loop(process, tuning.controller, filter=tuning.filter, weights=tuning.weights)
-        held = running.controller.pace
-        ramp = trial.ramp(new) & held if held == now.pace else held
-        if not (trial.refusal(new, held) and trial.refusal(new, ramp)):
-            return (ramp if ramp != held else None), ""
-        pace = trial.pace(new) & held
-        return pace, trial.refusal(new, pace)
+        return needed_pace(slow, tuning, rest, running.controller.pace)
 
     def _taken_back(self, outcome: Outcome, update: GainUpdate, against: str) -> Outcome:
         update.roll_back_or_raise()
@@ -385,7 +391,11 @@ class Autotuner:
 
     def _others(self, update: GainUpdate, not_borne: list[Outcome]) -> Iterator[tuple[str, Callable[[], Outcome]]]:
         """What else is tried: how it is called, and how it is made; what of it was not borne either is added."""
-        yield "learnt from that as well, others than those", partial(self._learn_anew, not_borne[0])
+        as_moved = [shown for shown in self._shown if shown[0].success]
+        for self._learnt in as_moved:
+            yield "learnt from what was shown then, others than those", partial(self._designed, update, *self._learnt)
+        if not as_moved:
+            yield "learnt from that as well, others than those", partial(self._learn_anew, not_borne[0])
         if self._learnt and math.isfinite(self._rate):
             yield "for that actuator, others than those", partial(self._designed, update, *self._learnt)
         last, those = not_borne[-1].tuning, "those" if len(not_borne) == 1 else "others than those"
