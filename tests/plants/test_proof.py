@@ -184,7 +184,7 @@ class RubbingArm(Plant):
 
     def slopes(self, x: State, u: float) -> State:
         angle, speed = x
-        rubs = self.damping * speed + friction(speed, 0.02, 0.02)
+        rubs = self.damping * speed + friction(speed, 0.02, 0.005)
         return (speed, (u - self.weight * math.sin(angle) - rubs) / self.inertia)
 
 
@@ -193,7 +193,7 @@ class RubbingArm(Plant):
 def test_gains_that_only_friction_holds_are_seen_in_their_proof_and_others_learnt_from_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Small moves show friction as damping. What suits that may have a max |S| of 65 without: 26 % over, for 2.3 s."""
+    """Small moves show friction as damping. What suits that may have a max |S| of 65 without: 46 % over, for 3.4 s."""
     made: list[Improvement] = []
 
     def lively_at_first(*given: Any, **named: Any) -> Improvement:
@@ -207,9 +207,9 @@ def test_gains_that_only_friction_holds_are_seen_in_their_proof_and_others_learn
 
     monkeypatch.setattr(fopid_ros.tuner.learning.gain_update, "improve", lively_at_first)
     monkeypatch.setitem(GALLERY, "arm", Exhibit(RubbingArm, 0.005, (2.0, 2.0, 0.2), 0.2, 0.2, 5.0, (-1.0, 2.0)))
-    found = autotuned("arm", 1)
+    found = autotuned("arm", 3)
     assert made[0].success
     assert "moved with them, the loop shows a process of which they make" in found.note
     assert found.seen.calm
     assert found.seen.mean("settling") < 1.0
-    assert found.seen.load < 0.004, "0.0071 with the lively ones"
+    assert found.seen.load < 0.004, "0.0075 with the lively ones"

@@ -61,7 +61,13 @@ def test_a_second_look_that_speaks_for_the_gains_is_believed(lag: Identification
     assert judged(LIVELY, lag, half) == ""
 
 
-def test_one_that_shows_no_process_is_not(lag: IdentificationResult) -> None:
+def test_one_beside_loads_that_wander_is_not(lag: IdentificationResult) -> None:
+    assert lag.best is not None
+    half = replace(lag, best=replace(lag.best, process=Process.parse("0.5/(s+1)"), wanders=True))
+    assert "a max |S| of" in judged(LIVELY, lag, half)
+
+
+def test_nor_is_one_that_shows_no_process(lag: IdentificationResult) -> None:
     assert "a max |S| of" in judged(LIVELY, lag, replace(lag, success=False))
 
 

@@ -31,7 +31,7 @@ def near_instability(
         What was learnt from the moves.
     second : callable
         What was learnt from more than that. It is asked for where the moves speak against the gains, and counts where
-        it shows a process.
+        it shows a process without loads that wander: beside these any would do.
     sample_time : float
         Of the controller [s].
     ms_max : float
@@ -65,6 +65,9 @@ def near_instability(
         return ""
 
     told = objection(as_moved)
-    if not told or ((more := second()).success and not objection(more)):
+    if not told:
+        return ""
+    more = second()
+    if more.success and more.best is not None and not more.best.wanders and not objection(more):
         return ""
     return f"moved with them, the loop shows a process of which they make {told}"
