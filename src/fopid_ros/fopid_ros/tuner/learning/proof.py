@@ -34,8 +34,9 @@ PROVED_SHARE, WORTH_A_MOVE = 0.5, 1.5
 PULSES, CAREFUL, SEEN, MOST_TICKS = 4, 0.5, 5.0, 20_000
 """So many pulses show how fast the actuator is, after one that is meant to go so far of that. Each is answered by so
 many standard deviations of the noise, summed over the answer; after it so many ticks are looked at, at most."""
-WORKED_OUT_ANEW = 10.0
-"""About how long it takes to see how slow the actuator may be [s]; that depends on the computer."""
+WORKED_OUT_ANEW = 20.0
+"""About how long it takes to learn what was shown meanwhile, and how slow the actuator may be [s]; that depends on the
+computer."""
 RESTLESS, UNEASY, GROWING = 3.0, 1.5, 1.2
 """A loop whose measurement spreads at rest by so many times what it did before hunts: a good loop makes at most twice
 its noise of it (max |S|). From so many on it is looked at for longer, while each window shows so many times more."""
