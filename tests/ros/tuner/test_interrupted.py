@@ -77,6 +77,21 @@ def test_the_addend_dies_with_its_author_and_without_a_bump(loop: ForeignLoop, e
         assert abs(after.feedforward - before.feedforward) < size * passed / FADE
 
 
+def test_a_tuner_that_stood_still_ends_its_experiment_since_what_it_hears_then_is_old(loop: ForeignLoop) -> None:
+    before = loop.gains()
+    handle, states = excited(loop)
+    os.kill(loop.tuner.pid, signal.SIGSTOP)
+    try:
+        loop.graph.spin(2 * GONE)
+    finally:
+        os.kill(loop.tuner.pid, signal.SIGCONT)
+    result = loop.outcome(handle).result
+    assert not result.success
+    assert "s old when it was heard" in result.message
+    assert states[-1].feedforward == 0.0
+    assert loop.gains() == before
+
+
 @pytest.mark.slow
 def test_after_a_restart_there_is_no_addend_and_no_author(loop: ForeignLoop) -> None:
     _, states = excited(loop)

@@ -28,6 +28,7 @@ from fopid_ros.common.managed_node import ManagedNode, loop_qos, take_pending_me
 from fopid_ros.common.parameters import Spec
 from fopid_ros.common.signals import DEFAULT_TYPE, SignalType, signal_specs, signal_type
 from fopid_ros.tuner.learning.history import EXCITATION, SIGNALS, History
+from fopid_ros.tuner.learning.undelayed_arrival import UndelayedArrival
 
 INJECTION = "feedforward"
 STATE = Layout(FopidState)
@@ -112,6 +113,7 @@ class LoopTap:
         self._by_stamps = bool(values["dof"]) or all(types[name].has_header for name in HEARD)
         self._wraps = values["angle_wraparound"]
         self._conflicts = PublisherConflicts(node, ())
+        self._state_arrival = UndelayedArrival()
         self._waiting: list[Subscription] = []
         self._control: Subscription | None = None  # where it may wait, too
         self._prompt = True
@@ -132,12 +134,14 @@ class LoopTap:
         node.endpoints.timer(REPEAT_PERIOD, self._repeat, Clock(clock_type=ClockType.STEADY_TIME))
 
     def _subscribe(self, name: str, kind: SignalType) -> Subscription:
+        arrival = UndelayedArrival()
+
         def heard(message: Any, info: dict[str, int]) -> None:
             if name == "control":
                 self._take_what_waits()
-            stamp = kind.stamp_ns(message) if self._by_stamps else None
-            age = (time.time_ns() - info["received_timestamp"]) * 1e-9
-            self._heard(name, (stamp or self._arrival_ns(info)) * 1e-9, kind.read(message), age)
+            stamp, came = kind.stamp_ns(message) if self._by_stamps else None, arrival.time_ns(info)
+            age = (time.time_ns() - came) * 1e-9
+            self._heard(name, (stamp or self._arrival_ns(came)) * 1e-9, kind.read(message), age)
 
         return self._node.endpoints.subscription(kind.message_type, name, heard, LISTENING, raw=kind.raw)
 
@@ -164,10 +168,10 @@ class LoopTap:
             if self._node.executor is not None:
                 self._node.executor.wake()
 
-    def _arrival_ns(self, info: dict[str, int]) -> int:
-        """When the transport had the message; a callback may come much later while this process computes."""
+    def _arrival_ns(self, came: int) -> int:
+        """By the clock that the loop runs by, what came at this time of the system's."""
         simulated = self._node.get_parameter("use_sim_time").value
-        return int(self._node.get_clock().now().nanoseconds if simulated else info["received_timestamp"])
+        return int(self._node.get_clock().now().nanoseconds if simulated else came)
 
     def _heard(self, name: str, at: float, value: float, age: float = 0.0) -> None:
         if not -1e300 < value < 1e300:
@@ -232,12 +236,13 @@ class LoopTap:
 
     def _take_setpoint(self, state: Any, info: dict[str, int]) -> None:
         """The setpoint, where the controller has one, and when it has changed; or the controller itself has."""
+        came = self._state_arrival.time_ns(info)
         self._note_open_loop(state)
         law = (state.kp, state.ki, state.kd, state.lam, state.mu, self._open_since)
         moved = not (math.isnan(state.setpoint) or state.setpoint == self.history.newest("setpoint"))
         if not moved and law == self._law:
             return
-        stamp_ns = state.stamp_ns if self._by_stamps else self._arrival_ns(info)
+        stamp_ns = state.stamp_ns if self._by_stamps else self._arrival_ns(came)
         if law != self._law:
             if self._law[:-1] not in ((), law[:-1]):
                 self.history.regained = stamp_ns * 1e-9
