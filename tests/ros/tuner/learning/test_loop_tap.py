@@ -48,13 +48,14 @@ class Bench:
             assert time.monotonic() < deadline
             self.spin(0.01)
 
-    def play(self, ticks: range) -> None:
-        """Publish measurement k and control -k at instants PERIOD apart, as fast as it goes."""
+    def play(self, ticks: range, apart: float = 0.0) -> None:
+        """Publish measurement k and control -k, stamped PERIOD apart, as fast as it goes or so far apart [s]."""
         for k in ticks:
             for value, publisher in zip((k, -k), self.publishers, strict=True):
                 message = ScalarStamped(value=float(value))
                 message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(k * PERIOD * 1e9), 10**9)
                 publisher.publish(message)
+                time.sleep(apart)
 
 
 @pytest.fixture
@@ -112,6 +113,22 @@ def test_a_hook_sees_each_tick_at_once_with_the_measurement_it_answers(make: Cal
     bench.play(range(31, 34))
     bench.until(lambda: bench.tap.history.newest("control") == -33.0)
     assert len(ticks) == 20
+
+
+def test_after_a_halt_each_tick_is_seen_with_the_measurement_it_answered(make: Callable[..., Bench]) -> None:
+    bench = make()
+    bench.play(range(1, 11))
+    bench.until(lambda: bench.tap.history.newest("control") == -10.0)
+    bench.tap.history.add("setpoint", 0.0, 0.0)
+    ticks: list[Tick] = []
+    bench.tap.set_tick_hook(ticks.append)
+    bench.spin(3.0 * REPEAT_PERIOD)
+    bench.play(range(11, 61), apart=0.005)  # nobody reads meanwhile
+    bench.until(lambda: len(ticks) == 50)
+    assert [(tick.measurement, tick.control) for tick in ticks] == [(float(k), -float(k)) for k in range(11, 61)]
+    ages = [tick.age for tick in ticks]
+    assert 0.3 < ages[0] - ages[-1] < 5.0
+    assert ages == sorted(ages, reverse=True)
 
 
 @pytest.mark.parametrize("parameter", ["use_sim_time:=true", "angle_wraparound:=true"])

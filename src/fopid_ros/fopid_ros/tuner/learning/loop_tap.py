@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -114,6 +115,8 @@ class LoopTap:
         self._wraps = values["angle_wraparound"]
         self._conflicts = PublisherConflicts(node, ())
         self._state_arrival = UndelayedArrival()
+        self._measured: deque[tuple[int, float]] = deque(maxlen=LISTENING.depth)  # since the newest control
+        self._measurement = math.nan
         self._waiting: list[Subscription] = []
         self._control: Subscription | None = None  # where it may wait, too
         self._prompt = True
@@ -141,7 +144,7 @@ class LoopTap:
                 self._take_what_waits()
             stamp, came = kind.stamp_ns(message) if self._by_stamps else None, arrival.time_ns(info)
             age = (time.time_ns() - came) * 1e-9
-            self._heard(name, (stamp or self._arrival_ns(came)) * 1e-9, kind.read(message), age)
+            self._heard(name, (stamp or self._arrival_ns(came)) * 1e-9, kind.read(message), age, came)
 
         return self._node.endpoints.subscription(kind.message_type, name, heard, LISTENING, raw=kind.raw)
 
@@ -173,7 +176,7 @@ class LoopTap:
         simulated = self._node.get_parameter("use_sim_time").value
         return int(self._node.get_clock().now().nanoseconds if simulated else came)
 
-    def _heard(self, name: str, at: float, value: float, age: float = 0.0) -> None:
+    def _heard(self, name: str, at: float, value: float, age: float = 0.0, came: int = 0) -> None:
         if not -1e300 < value < 1e300:
             self._unusable[name] = f", and {value} comes now"
             return
@@ -182,16 +185,23 @@ class LoopTap:
             setpoint = self.history.newest("setpoint")
             value = value if math.isnan(setpoint) else nearest_turn(value, setpoint)
         self.history.add(name, at, value)
+        if name == "measurement":
+            self._measured.append((came, value))
         if name != "control":
             return
-        setpoint, measurement, control = (self.history.newest(signal) for signal in SIGNALS)
-        tick = Tick(at, setpoint, measurement, control, age)
+        tick = Tick(at, self.history.newest("setpoint"), self._measured_by(came), value, age)
         if math.isnan(tick.setpoint + tick.measurement):
             return
         if self._hook is not None and self._prompt:
             self._call_hook(tick)
         with self._ticked:
             self._ticked.notify_all()
+
+    def _measured_by(self, came: int) -> float:
+        """The newest measurement that was there then [ns]; what is read at once after a halt may hold younger ones."""
+        while self._measured and self._measured[0][0] <= came:
+            self._measurement = self._measured.popleft()[1]
+        return self._measurement
 
     def _call_hook(self, tick: Tick) -> None:
         if self._hook is None:
