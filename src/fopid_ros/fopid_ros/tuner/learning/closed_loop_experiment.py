@@ -119,6 +119,8 @@ class ClosedLoopExperiment:
         How long one experiment takes [s].
     content : float
         How many times what is wanted of a look at its record is enough.
+    rests_since : float
+        When the rest began that came before it [s]: what is heard from then on shows how the process was as it began.
     latest : float
         No further experiment is begun that would end later, by the loop's time [s].
     escaped : str
@@ -132,8 +134,7 @@ class ClosedLoopExperiment:
         self.loop.deviation_least, self.loop.deviation_most = before.allowed, before.most
         self._tap, self._wait, self._wanted, self._before = tap, wait, wanted, before
         self._amplitude = self._peak = self._foresight = 0.0
-        self.latest = math.inf
-        self.content = 1.0
+        self.latest, self.rests_since, self.content = math.inf, math.nan, 1.0
         self._began, self._said, self._due = math.nan, math.inf, math.inf
         self._first, self._widened, self.escaped = True, False, ""
         self.duration = self._chosen_duration()
@@ -202,7 +203,7 @@ class ClosedLoopExperiment:
             lambda: resting.is_over(borne), lambda: Stage("measuring", 0.0, left, loop.offset, message=told)
         )
         self.latest = min(self.latest, resting.began + LONGEST * self.duration)
-        self._began, self._said = resting.began, length.experiment
+        self._began, self._said, self.rests_since = resting.began, length.experiment, resting.since
         self._due = max(resting.began + DUE * self._said, resting.newest + LEFT * length.due)
         if not loop.at_steady_state:
             raise RestlessError(loop.why_not_at_rest(self.duration))

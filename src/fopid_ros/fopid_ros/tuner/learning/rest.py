@@ -105,6 +105,11 @@ class RestingLoop:
         while tick.time - self._ticks[0].time > self._window:
             self._ticks.popleft()
 
+    @property
+    def since(self) -> float:
+        """When what it is judged by began [s]."""
+        return self._ticks[0].time
+
     def is_over(self, borne: float) -> bool:
         """Whether it rests, and enough was heard, or it has been waited for long enough.
 
