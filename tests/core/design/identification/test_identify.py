@@ -127,6 +127,18 @@ def test_a_record_that_begins_in_the_middle_of_a_transient_is_learnt(first: floa
     assert abs(phase) < 3.0
 
 
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+def test_a_noisy_record_that_begins_in_the_middle_of_a_transient_is_not_taken_for_one_from_rest(seed: int) -> None:
+    """Taken for one from rest at zero it left 0.3 of the process unexplained: noise hides how beginnings fit."""
+    text = "2/((s+1)(0.4s+1))*exp(-0.1s)"
+    levels = np.repeat([0.0, 2.0, 2.3, 1.9], [100, 300, 300, 300])
+    whole = closed_loop(text, lambda k: float(levels[k]), levels.size, 0.05, Fopid(0.15, 0.1), 0.04, seed)
+    found = identify(Record(whole.time[110:], whole.control[110:], whole.measurement[110:]))
+    assert found.best is not None
+    w = 1j * np.array([0.3, 0.6, 1.0])
+    assert np.abs(found.best.process(w) / read_process(text)(w) - 1.0).max() < 0.25
+
+
 @pytest.mark.parametrize("control", [1.0, *slow(10.0, 40.0)])
 def test_a_rest_before_the_one_step_is_a_rest_wherever_the_control_stands(control: float) -> None:
     """A control of 40 before a step to 41 counted as a step from 0 at once, behind a delay as long as the rest."""

@@ -23,7 +23,7 @@ _STILL = 10
 _LONG = 0.05
 """A rest of such a share of the record is no slow beginning of a move."""
 _INDEPENDENT = 32
-"""So many samples of a rough fit count as independent when beginnings are compared."""
+"""So many samples of a rough fit count as independent when beginnings are compared that leave no white noise."""
 _IMMATERIAL = 0.02
 """Differences of this share of the measurement's spread count as none."""
 _NO_BETTER = 4.0
@@ -85,21 +85,23 @@ def rough_fit(record: Record, samples: int, *, loads: bool = True) -> Fit:
     if not np.ptp(record.control):
         return lags[0]
     judged = [_with_fractional_orders(record, found, samples) for found in lags]
-    if not any(whiteness(found.residual).white for found in judged):
-        moving = [replace(start, ramp=True) for start in dict.fromkeys((starts[0], starts[-1]))]
-        more = [_two_lags(record, start, table, samples) for start in moving]
-        lags, judged = lags + more, judged + [_with_fractional_orders(record, found, samples) for found in more]
-        likely = (starts[0], starts[-1], lags[_preferred(judged)].response.start)
-        for start in dict.fromkeys(likely) if loads else ():
-            first = next(k for k, found in enumerate(lags) if found.response.start == start)
-            loaded = _with_loads(record, lags[first], judged[first], samples)
-            lags, judged = lags + loaded[0], judged + loaded[1]
+    if any(whiteness(found.residual).white for found in judged):
+        in_noise = all(found.error > _immaterial(found) for found in judged)
+        return lags[_preferred(judged, judged[0].residual.size if in_noise else _INDEPENDENT)]
+    moving = [replace(start, ramp=True) for start in dict.fromkeys((starts[0], starts[-1]))]
+    more = [_two_lags(record, start, table, samples) for start in moving]
+    lags, judged = lags + more, judged + [_with_fractional_orders(record, found, samples) for found in more]
+    likely = (starts[0], starts[-1], lags[_preferred(judged)].response.start)
+    for start in dict.fromkeys(likely) if loads else ():
+        first = next(k for k, found in enumerate(lags) if found.response.start == start)
+        loaded = _with_loads(record, lags[first], judged[first], samples)
+        lags, judged = lags + loaded[0], judged + loaded[1]
     return lags[_preferred(judged)]
 
 
-def _preferred(judged: list[Fit]) -> int:
+def _preferred(judged: list[Fit], independent: int = _INDEPENDENT) -> int:
     """The first that is about as good as the best."""
-    scores = np.array([_score(found) for found in judged])
+    scores = np.array([_score(found, independent) for found in judged])
     return int(np.argmax(scores <= scores.min() + _NO_BETTER))
 
 
@@ -135,12 +137,16 @@ def _with_fractional_orders(record: Record, lags: Fit, samples: int) -> Fit:
     return fit(response, np.array([log_tau, log_c, 2.0, 1.0, delay]), lags.rows, _POLISH, 1e-3)
 
 
-def _score(found: Fit) -> float:
+def _score(found: Fit, independent: int = _INDEPENDENT) -> float:
     """Schwarz's criterion, with differences that do not matter left out."""
-    floor = _IMMATERIAL * float(np.std(found.response.measurement)) + 1e-300
     start = found.response.start
     count = found.response.free_columns + _RAMP_COUNTS * start.ramp + _LOAD_COUNTS * len(start.loads)
-    return 2.0 * _INDEPENDENT * math.log(math.hypot(found.error, floor)) + count * math.log(_INDEPENDENT)
+    return 2.0 * independent * math.log(math.hypot(found.error, _immaterial(found))) + count * math.log(independent)
+
+
+def _immaterial(found: Fit) -> float:
+    """What a model may leave of the measurement without its mattering."""
+    return _IMMATERIAL * float(np.std(found.response.measurement)) + 1e-300
 
 
 @dataclass(frozen=True)
