@@ -120,7 +120,7 @@ class ClosedLoopExperiment:
     content : float
         How many times what is wanted of a look at its record is enough.
     rests_since : float
-        When the rest began that came before it [s]: what is heard from then on shows how the process was as it began.
+        When the last of the rest before it began [s]: what is heard from then on shows how the process was before.
     latest : float
         No further experiment is begun that would end later, by the loop's time [s].
     escaped : str
