@@ -50,7 +50,7 @@ def duration(name: str, seed: int) -> tuple[float, float]:
     said = made.length.experiment
     try:
         made.measure()
-        since = loop.history.whole_since = made.rests_since
+        since = loop.history.whole_since = loop.history.newest_time("control")
         sufficiency = Sufficiency("all", made.loop.unrest, exhibit.sample_time)
         ended = made.excite(lambda: sufficiency.is_over(loop.history.record(since), made.may_widen, made.content))
     except (InputError, TooLongError) as error:

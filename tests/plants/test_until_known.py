@@ -40,7 +40,7 @@ def experiment(name: str, seed: int, until_known: bool = True) -> tuple[VirtualL
     baseline = LoopBaseline(read_running_controller(loop))
     made = ClosedLoopExperiment(loop, loop, baseline, ExperimentSettings(until_known=until_known))
     made.measure()
-    began = loop.history.whole_since = made.rests_since
+    began = loop.history.whole_since = loop.history.newest_time("control")
     sufficiency = Sufficiency("all", made.loop.noise, exhibit.sample_time)
     assert not made.excite(lambda: sufficiency.look(loop.history.record(began), made.content))
     return loop, made, began

@@ -120,7 +120,7 @@ class ClosedLoopExperiment:
     content : float
         How many times what is wanted of a look at its record is enough.
     rests_since : float
-        When the last of the rest before it began [s]: what is heard from then on shows how the process was before.
+        From when on is learnt [s]: from its beginning, or from that of the rest before, where the loop was on its way.
     latest : float
         No further experiment is begun that would end later, by the loop's time [s].
     escaped : str
@@ -203,12 +203,13 @@ class ClosedLoopExperiment:
             lambda: resting.is_over(borne), lambda: Stage("measuring", 0.0, left, loop.offset, message=told)
         )
         self.latest = min(self.latest, resting.began + LONGEST * self.duration)
-        self._began, self._said, self.rests_since = resting.began, length.experiment, resting.since
+        self._began, self._said = resting.began, length.experiment
         self._due = max(resting.began + DUE * self._said, resting.newest + LEFT * length.due)
         if not loop.at_steady_state:
             raise RestlessError(loop.why_not_at_rest(self.duration))
         loop.listen(history.unmoved(TICKS_REMEMBERED), asked, history.travel("setpoint"))
         loop.check_amplitude(self._wanted.amplitude)
+        self.rests_since = resting.since if loop.on_its_way else resting.newest
 
     @property
     def length(self) -> ExperimentLength:

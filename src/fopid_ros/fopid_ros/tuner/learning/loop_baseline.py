@@ -174,6 +174,11 @@ class LoopBaseline:
             self.unrest = min(max(self.noise, self.spread), MOST_UNREST * self.noise)
         self.deviation_max = deviation_max or self._chosen_deviation(travel)
 
+    @property
+    def on_its_way(self) -> bool:
+        """Whether it is further from its setpoint than counts as rest where nobody says what is allowed."""
+        return abs(self.offset) > STEADY_STATE_SHARE * NOISES * self.least_move
+
     def _rests(self, measured: Floats) -> bool:
         """Whether it stays about where it is now."""
         off = abs(float(usual(measured).mean()) - self.setpoint - self.offset)

@@ -16,8 +16,6 @@ from fopid_ros.tuner.learning.loop_tap import Tick
 LIVE_SHARE, LOOKS = 0.25, 10
 """Share of the time over which rest is judged that is waited for where the loop was heard before, and how often it is
 looked at meanwhile."""
-LEARNT_SHARE = 0.25
-"""Share of that time with which what is learnt from begins: more of it would show noise, as if less were explained."""
 TICKS_LEAST = 20
 """So many ticks tell whether the loop rests; a busy machine may lose some."""
 TICKS_HEARD = 100
@@ -109,8 +107,8 @@ class RestingLoop:
 
     @property
     def since(self) -> float:
-        """When the last of its rest began, from which on is learnt [s]."""
-        return self.newest - LEARNT_SHARE * (self.newest - self._ticks[0].time)
+        """When what it is judged by began [s]."""
+        return self._ticks[0].time
 
     def is_over(self, borne: float) -> bool:
         """Whether it rests, and enough was heard, or it has been waited for long enough.
