@@ -17,11 +17,14 @@ from fopid_core.model.process import read_process
 from fopid_core.model.stability import stability
 from fopid_ros.tuner.learning.autotune import Autotuner
 from fopid_ros.tuner.learning.autotune_request import AutotuneRequest
-from fopid_ros.tuner.learning.closed_loop_experiment import ExperimentSettings
+from fopid_ros.tuner.learning.closed_loop_experiment import ClosedLoopExperiment, ExperimentSettings
 from fopid_ros.tuner.learning.gain_update import AcceptanceCriteria
+from fopid_ros.tuner.learning.loop_baseline import LoopBaseline
+from fopid_ros.tuner.learning.running_controller import read_running_controller
 
 LIMITS = RobustLimits(2.5, math.radians(30.0))
 CRITERIA = AcceptanceCriteria(TuningRequest(read_process("P1"), method="frequency"), LIMITS, 2.0)
+EXPERIMENT = ExperimentSettings(excitation="relay", deviation_max=0.2, duration=8.0)
 TRUE = read_process("-1.5/((0.4s+1)(0.1s+1))*exp(-0.015s)")
 """With what holding the control for a tick adds."""
 
@@ -39,15 +42,28 @@ class Cooling(Plant):
         return (-1.5 * x[1] - x[0]) / 0.4, (u - x[1]) / 0.1
 
 
+def on_its_way(after: float, seed: int) -> VirtualLoop:
+    """The loop so long after a step of its setpoint [s]."""
+    loop = VirtualLoop(Exhibit(Cooling, 0.01, (-0.5, -1.0, 0.0), 0.5, 0.3, 8.0, (-5.0, 5.0)), seed)
+    loop.setpoint = 1.0
+    loop.run(after)
+    return loop
+
+
+@pytest.mark.parametrize(("after", "rest"), [(0.8, 0.64), (10.0, 0.0)])
+def test_the_rest_is_learnt_from_where_the_loop_was_on_its_way(after: float, rest: float) -> None:
+    loop = on_its_way(after, 97)
+    made = ClosedLoopExperiment(loop, loop, LoopBaseline(read_running_controller(loop)), EXPERIMENT)  # type: ignore[arg-type]
+    made.measure()
+    assert made.newest - made.learnt_since == pytest.approx(rest, abs=0.02)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("after", "seed"), [(1.8398867424695577, 33), (0.8252505694195889, 97)])
 def test_gains_are_not_livelier_for_a_loop_that_was_still_on_its_way(after: float, seed: int) -> None:
     """It was within a tenth of what is allowed; taken for a rest, its way was taken for an answer to small moves."""
-    loop = VirtualLoop(Exhibit(Cooling, 0.01, (-0.5, -1.0, 0.0), 0.5, 0.3, 8.0, (-5.0, 5.0)), seed)
-    loop.setpoint = 1.0
-    loop.run(after)
-    experiment = ExperimentSettings(excitation="relay", deviation_max=0.2, duration=8.0)
-    outcome = Autotuner(loop, loop, AutotuneRequest(experiment, "all", CRITERIA, False), loop).run()  # type: ignore[arg-type]
+    loop = on_its_way(after, seed)
+    outcome = Autotuner(loop, loop, AutotuneRequest(EXPERIMENT, "all", CRITERIA, False), loop).run()  # type: ignore[arg-type]
     assert outcome.applied, outcome.message
     held = Loop(TRUE, loop.gains())
     assert stability(held).stable

@@ -166,7 +166,7 @@ class Autotuner:
         self._experiment.measure()
         if self._request.trial is not None:
             return self._try_out(self._request.trial)
-        began = self._tap.history.whole_since = self._experiment.rests_since
+        began = self._tap.history.whole_since = self._experiment.learnt_since
         self._wait.begin_round("", (0.0, 0.5 if self._has_a_second_round else 1.0))
         first = self._make_round(began, self._has_a_second_round)
         if first.applied and self._has_a_second_round and self._calls_for_another(first):
@@ -233,7 +233,7 @@ class Autotuner:
         self._wait.begin_round("second round", (0.5, 1.0))
         try:
             self._experiment.measure(made.furthest, announced=False)
-            self._second_began = self._experiment.rests_since
+            self._second_began = self._experiment.learnt_since
             second = self._make_round(began if first.held_back else self._second_began)
         except RestlessError as error:
             return self._taken_back(first, update, str(error))

@@ -119,7 +119,7 @@ class ClosedLoopExperiment:
         How long one experiment takes [s].
     content : float
         How many times what is wanted of a look at its record is enough.
-    rests_since : float
+    learnt_since : float
         From when on is learnt [s]: from its beginning, or from that of the rest before, where the loop was on its way.
     latest : float
         No further experiment is begun that would end later, by the loop's time [s].
@@ -134,7 +134,7 @@ class ClosedLoopExperiment:
         self.loop.deviation_least, self.loop.deviation_most = before.allowed, before.most
         self._tap, self._wait, self._wanted, self._before = tap, wait, wanted, before
         self._amplitude = self._peak = self._foresight = 0.0
-        self.latest, self.rests_since, self.content = math.inf, math.nan, 1.0
+        self.latest, self.learnt_since, self.content = math.inf, math.nan, 1.0
         self._began, self._said, self._due = math.nan, math.inf, math.inf
         self._first, self._widened, self.escaped = True, False, ""
         self.duration = self._chosen_duration()
@@ -209,7 +209,7 @@ class ClosedLoopExperiment:
             raise RestlessError(loop.why_not_at_rest(self.duration))
         loop.listen(history.unmoved(TICKS_REMEMBERED), asked, history.travel("setpoint"))
         loop.check_amplitude(self._wanted.amplitude)
-        self.rests_since = resting.since if loop.on_its_way else resting.newest
+        self.learnt_since = resting.since if loop.on_its_way else resting.newest
 
     @property
     def length(self) -> ExperimentLength:
